@@ -10,9 +10,10 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.from_atlas import AUTO, with_atlas
-from vidphys.cli.options import MOTION, given_columns, make_binder, option, refuse
+from vidphys.cli.options import MOTION, given_columns, make_binder, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
+from vidphys.cli.train_settings import check, settings_of
 from vidphys.cli.who import WhoOptions
 from vidphys.devices import device_name, prepare_device
 from vidphys.errors import InputError
@@ -25,12 +26,9 @@ if TYPE_CHECKING:
     from vidphys.progress import Progress
     from vidphys.reading.reader import Layer, LoadedEncoder
     from vidphys.reading.seen_clips import SeenClip
-    from vidphys.reading.training import TrainSettings
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
-HEADS = 4  # by which the width of a readout's attention is divided
-SIZES = {"widths": "width", "readers": "readers"}  # option: what a kind of readout calls it
 # where things lie and what is shown make no other run
 ELSEWHERE = (
     "data",
@@ -156,7 +154,7 @@ def train(config: TrainConfig) -> int:
     from vidphys.reading.reader import load_layers
     from vidphys.runs.folder import RunFolder
 
-    _check(config)
+    check(config)
     binder = make_binder(config.binder, config.bodies, config.shadow, config)
     prepare_device(config.device)
     if dataset.labelled:
@@ -185,36 +183,6 @@ def train(config: TrainConfig) -> int:
                 return 1
         _show(run, console)
     return 0
-
-
-def _check(config: TrainConfig) -> None:
-    from readouts.kinds import READOUTS, ReadoutKind
-
-    try:
-        kind = READOUTS[config.readout]
-    except ValueError as error:
-        raise InputError(f"--readout {config.readout}: {error}") from error
-    if not isinstance(kind, ReadoutKind):
-        raise InputError(f"--readout {config.readout}: must be a ReadoutKind, is {kind!r}")
-    why = f"--readout {config.readout} takes none"
-    refuse(config, [option for option, size in SIZES.items() if size not in kind.sizes], why)
-    refuse(config, ("shift",) if kind.shift is None else (), why)
-    counts = ("seeds", "steps", "batch", "head_steps", "readers", "widths")
-    for name, least in (*((name, 1) for name in counts), ("patience", 0), ("shift", 0)):
-        given = getattr(config, name)
-        for value in given if isinstance(given, tuple) else (given,):
-            if value is not None and value < least:
-                raise InputError(f"{option(name)} {value}: must be at least {least}")
-    for width in config.widths if config.readout == "attention" else ():
-        if width % HEADS:
-            raise InputError(f"--widths {width}: must be a multiple of {HEADS}")
-    for rate in config.learning_rates:
-        if not 0 < rate < float("inf"):
-            raise InputError(f"--learning-rates {rate}: must be above 0")
-    if not config.learning_rates:
-        raise InputError("--learning-rates: name at least one")
-    if not config.beyond >= 0:
-        raise InputError(f"--beyond {config.beyond}: must be at least 0 seconds")
 
 
 def _about(
@@ -247,37 +215,6 @@ def _about(
     }
 
 
-def _settings(config: TrainConfig) -> TrainSettings:
-    from readouts.kinds import READOUTS
-    from vidphys.reading.training import TrainSettings
-    from vidphys.training.candidates import Grid
-    from vidphys.training.early_stopping import StopSettings
-    from vidphys.training.learner import FitSettings
-    from vidphys.training.readouts import ReadoutSettings
-
-    kind = READOUTS[config.readout]
-    steps, batch = config.steps or kind.steps, config.batch or kind.batch
-    shift = (kind.shift or 0) if config.shift is None else config.shift
-    fit = FitSettings(steps, batch, config.learning_rates[0], kind.clip, on_nan=config.on_nan)
-    readout = ReadoutSettings(fit, shift, StopSettings(patience=config.patience))
-    seeds = tuple(range(config.seed, config.seed + config.seeds))
-    sizes = {size: getattr(config, option) for option, size in SIZES.items()}
-    tried = {size: values for size, values in sizes.items() if values}
-    grid = Grid(config.readout, tried, config.learning_rates, seeds)
-    how = config.mirrors, config.selection, config.train_share, config.head_steps
-    return TrainSettings(
-        readout,
-        grid,
-        *how,
-        config.heads,
-        config.seed,
-        config.on_nan,
-        config.device,
-        split_by=config.split_by,
-        store_dtype=config.store_dtype,
-    )
-
-
 def _train(
     config: TrainConfig,
     dataset: Dataset,
@@ -296,7 +233,7 @@ def _train(
     def stage(name: str) -> Progress:
         return lambda step, steps, _: console.stage((name, step, steps))
 
-    settings, checkpoints = _settings(config), run.checkpoints("training")
+    settings, checkpoints = settings_of(config), run.checkpoints("training")
     selection = settings.selection
     try:
         store = FeatureStore(config.store)
