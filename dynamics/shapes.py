@@ -23,14 +23,12 @@ class Shape:
     Args:
         energy: phi, of r squared and s.
         pull: its slope over r, of the same; what a displacement is multiplied by.
-        power: of the unit of length in ``pull``.
         sized: whether there is an s.
         sharp: whether ``pull`` has no bound as r goes to zero.
     """
 
     energy: Callable[[Tensor, Tensor], Tensor]
     pull: Callable[[Tensor, Tensor], Tensor]
-    power: int = 0
     sized: bool = True
     sharp: bool = False
 
@@ -45,10 +43,10 @@ def _overlap(r2: Tensor, s: Tensor) -> Tensor:
 
 SHAPES: dict[str, Shape] = {
     "inverse-square": Shape(
-        lambda r2, s: -((r2 + s**2) ** -0.5), lambda r2, s: (r2 + s**2) ** -1.5, -3
+        lambda r2, s: -((r2 + s**2) ** -0.5), lambda r2, s: (r2 + s**2) ** -1.5
     ),
-    "inverse": Shape(lambda r2, s: 0.5 * (r2 + s**2).log(), lambda r2, s: 1 / (r2 + s**2), -2),
-    "inverse-cube": Shape(lambda r2, s: -0.5 / (r2 + s**2), lambda r2, s: (r2 + s**2) ** -2.0, -4),
+    "inverse": Shape(lambda r2, s: 0.5 * (r2 + s**2).log(), lambda r2, s: 1 / (r2 + s**2)),
+    "inverse-cube": Shape(lambda r2, s: -0.5 / (r2 + s**2), lambda r2, s: (r2 + s**2) ** -2.0),
     "gaussian": Shape(
         lambda r2, s: -(s**2) * (-0.5 * r2 / s**2).exp(), lambda r2, s: (-0.5 * r2 / s**2).exp()
     ),
@@ -60,11 +58,15 @@ SHAPES: dict[str, Shape] = {
         lambda r2, s: -_overlap(r2, s) * r2.rsqrt(),
         sharp=True,
     ),
-    "spring": Shape(lambda r2, s: 0.5 * r2, lambda r2, s: torch.ones_like(r2), 0, False),
-    "point": Shape(lambda r2, s: -r2.rsqrt(), lambda r2, s: r2**-1.5, -3, False, True),
-    "rest-length": Shape(lambda r2, s: r2.sqrt(), lambda r2, s: r2.rsqrt(), -1, False, True),
-    "twelve": Shape(lambda r2, s: r2**-6.0 / 12, lambda r2, s: -(r2**-7.0), -14, False, True),
-    "six": Shape(lambda r2, s: -(r2**-3.0) / 6, lambda r2, s: r2**-4.0, -8, False, True),
+    "spring": Shape(lambda r2, s: 0.5 * r2, lambda r2, s: torch.ones_like(r2), sized=False),
+    "point": Shape(lambda r2, s: -r2.rsqrt(), lambda r2, s: r2**-1.5, sized=False, sharp=True),
+    "rest-length": Shape(
+        lambda r2, s: r2.sqrt(), lambda r2, s: r2.rsqrt(), sized=False, sharp=True
+    ),
+    "twelve": Shape(
+        lambda r2, s: r2**-6.0 / 12, lambda r2, s: -(r2**-7.0), sized=False, sharp=True
+    ),
+    "six": Shape(lambda r2, s: -(r2**-3.0) / 6, lambda r2, s: r2**-4.0, sized=False, sharp=True),
 }
 """By name: ``twelve`` and ``six`` are the two of Lennard-Jones (1924), ``rest-length`` is what a
 spring has beside ``spring`` where it rests at a length, ``point`` is gravity without softening."""
@@ -76,7 +78,8 @@ class ShapedPotential(PairPotential):
     Args:
         shape: of :data:`SHAPES`.
         strength: of the force, which pulls where it is above zero (a contact pushes); world units
-            to the power of minus ``Shape.power``, per second squared, of unit sources.
+            to the power in :data:`dynamics.terms.potentials.SHAPE_LENGTHS`, per second squared, of
+            unit sources.
         length: world units, > 0.
         learned: whether strength and length are.
         law: see :class:`dynamics.potentials.PairPotential`.

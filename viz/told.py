@@ -189,7 +189,8 @@ def _laws(data: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], Mapping
         numbers = {f"{word}: {name}": x for word, told in words for name, x in told.items()}
         return [("formula", numbers, {"text": formula["equation"]})]
     return parts or [
-        ("terms", part["numbers"], part.get("equation") or {}) for part in data.get("parts") or ()
+        ("terms", part["quantities"], part.get("equation") or {})
+        for part in data.get("parts") or ()
     ]
 
 

@@ -14,6 +14,21 @@ if TYPE_CHECKING:
     from dynamics.potentials import Potential
 
 
+SHAPE_LENGTHS = {  # shape of a pair force: powers of length in the unit of its strength
+    "inverse-square": 3,
+    "point": 3,
+    "inverse": 2,
+    "inverse-cube": 4,
+    "gaussian": 0,
+    "cut-off": 0,
+    "contact": 0,
+    "spring": 0,
+    "rest-length": 1,
+    "twelve": 14,
+    "six": 8,
+}
+
+
 def summed(terms: Sequence[PotentialTerm], sizes: Sizes) -> Potential:
     """The potential that is all of these together."""
     from dynamics import potentials
@@ -129,9 +144,7 @@ class Shaped(Pair):
         )
 
     def counted_in(self, length: float, seconds: float) -> Shaped:
-        from dynamics.shapes import SHAPES
-
-        strength = self.strength * seconds**2 * length ** SHAPES[self.shape].power
+        strength = self.strength * seconds**2 / length ** SHAPE_LENGTHS[self.shape]
         return replace(self, strength=strength, length=self.length / length)
 
 

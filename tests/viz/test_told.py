@@ -120,7 +120,7 @@ def test_masses_stand_beside_the_numbers_that_are_told_for_them(tmp_path, mass, 
     (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
     strength = {"pair: strength": {"value": 2.0, "standard_error": 0.1}}
     equation = {"text": "rᵢ'' = Σⱼ k d (rⱼ - rᵢ)/d", "symbols": {"pair: strength": "k"}}
-    found = {"mass": mass, "parts": [{"numbers": strength, "equation": equation}]}
+    found = {"mass": mass, "parts": [{"quantities": strength, "equation": equation}]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
     page = html.unescape(write_told(tmp_path).read_text())
     assert "2.00 ± 0.20" in page and equation["text"] in page
@@ -133,7 +133,7 @@ def test_a_formula_stands_above_its_own_numbers_and_the_menu_s_are_left_out(tmp_
     times = {"value": -4.0, "standard_error": 0.1, "unit": "1/s²"}
     words = [{"word": "tanh(k x)", "numbers": {"times": times}}]
     formula = {"equation": "x'' = -4 tanh(2 x)", "words": words}
-    menu = [{"numbers": {"trap: stiffness": {"value": 7.0, "standard_error": 0.1}}}]
+    menu = [{"quantities": {"trap: stiffness": {"value": 7.0, "standard_error": 0.1}}}]
     found = {"mass": [1.0], "parts": menu, "formula": formula}
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
     page = html.unescape(write_told(tmp_path).read_text())

@@ -16,6 +16,7 @@ from dynamics.potentials import HarmonicTrap
 from dynamics.shapes import SHAPES, ShapedPotential
 from dynamics.sliding import Along, Rubbed
 from dynamics.strings import Strung
+from dynamics.terms.potentials import SHAPE_LENGTHS
 from vidphys.reading.fitted import Fitted
 
 
@@ -90,6 +91,7 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
 
 
 def _of_pairs(part: ShapedPotential, length: float, seconds: float) -> dict[str, float]:
-    phi, name = SHAPES[part.shape], f"pair_{part.shape.replace('-', '_')}"
-    found = {f"{name}_strength": float(part.strength) / (seconds**2 * length**phi.power)}
-    return found | ({f"{name}_length": float(part.length) * length} if phi.sized else {})
+    name, power = f"pair_{part.shape.replace('-', '_')}", SHAPE_LENGTHS[part.shape]
+    found = {f"{name}_strength": float(part.strength) * length**power / seconds**2}
+    sized = SHAPES[part.shape].sized
+    return found | ({f"{name}_length": float(part.length) * length} if sized else {})

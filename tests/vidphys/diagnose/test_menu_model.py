@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,17 @@ import torch
 
 from dynamics import Parameters, PhaseState, build, terms
 from vidphys.diagnose.explanations.menu_model import model_of, shaped
-from vidphys.diagnose.inference.menu import PAIR, Field, pair_term, pair_terms
+from vidphys.diagnose.explanations.menu_numbers import number_lines, quantities_of
+from vidphys.diagnose.inference.menu import (
+    FRICTIONS,
+    PAIR,
+    Field,
+    external_terms,
+    pair_term,
+    pair_terms,
+    together,
+)
+from vidphys.diagnose.recordings.units import Units
 
 RNG = np.random.default_rng(3)
 PLACES = RNG.uniform(-1, 1, (5, 1, 3, 2))  # (w, m, n, d)
@@ -52,3 +63,47 @@ def test_a_force_that_leaves_more_than_noise_is_learned_anew(shape, explained, m
         structure=structure, kinds={pair.kind}, leftover=SimpleNamespace(explained=explained)
     )
     assert model_of(found).potentials == (model,)
+
+
+def counted(field, length, seconds):
+    """The same motion where the unit of length and the second are so much longer."""
+    return replace(field, q=field.q / length, v=field.v * seconds / length)
+
+
+TERMS = [*pair_terms(FIELD.distance, "mass"), *external_terms(2, False), *FRICTIONS.values()]
+
+
+@pytest.mark.parametrize(
+    ("space", "term"),
+    [*((2, term) for term in TERMS), *((1, term) for term in external_terms(1, False))],
+    ids=lambda x: getattr(x, "name", x),
+)
+def test_in_another_unit_a_number_is_told_as_its_powers_say(space, term):
+    length, seconds = 3.0, 0.7
+    fitted = SimpleNamespace(place=lambda _: 0, values=np.full(9, 0.7), errors=np.full(9, 0.1))
+    found = SimpleNamespace(fitted=fitted, terms=(term,), bathed=False)
+    told = quantities_of(found)[: len(term.coefficients)]
+    numbers = [x.value / length**x.length / seconds**x.seconds for x in told]
+    field = replace(FIELD, q=FIELD.q[..., :space], v=FIELD.v[..., :space])
+    finer = term if term.scale is None else scaled(term, 1 / length)
+    same = (finer.columns(counted(field, length, seconds)) @ numbers) * length / seconds**2
+    expected = term.columns(field) @ np.full(len(numbers), 0.7)
+    np.testing.assert_allclose(same, expected, rtol=1e-9, atol=1e-12)
+
+
+def scaled(term, factor):
+    """The same pair force with its lengths times a factor."""
+    if term.parts:
+        return together(*(scaled(part, factor) for part in term.parts))
+    return term.remade(term.scale * factor)
+
+
+def test_numbers_from_a_picture_are_told_in_its_unit():
+    fitted = SimpleNamespace(place=lambda _: 0, values=np.full(9, 0.7), errors=np.full(9, 0.1))
+    terms = (external_terms(2, False)[0], FRICTIONS["linear"], pair_term("spring", None, "mass"))
+    found = SimpleNamespace(fitted=fitted, terms=terms, bathed=False)
+    assert number_lines(found, Units("px", 640.0)) == [
+        "uniform: x 450 ± 130 px/s², y 450 ± 130 px/s² (95 %)",
+        "linear: rate 0.70 ± 0.20 1/s (95 %)",
+        "pair: strength 0.70 ± 0.20 1/s² (95 %)",
+    ]

@@ -110,7 +110,7 @@ def _known(
     struck = strikes(part) if few else []
     menu = None
     if few and not (camera or angles or struck or part.inputs) and together(part):
-        menu = _by_menu(motion, end)
+        menu = _by_menu(motion, end, units)
         if menu is not None and between_all(menu):
             return menu.found, menu
     laws = _best_of(FITTED, motion, end, angles, camera, units) if part.moves else None
@@ -136,20 +136,20 @@ def _known(
         return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False), ""), laws
     if found.inference is None:
         return found, laws
-    menu = menu or ByMenu(found, found.inference, motion, end, camera)
+    menu = menu or ByMenu(found, found.inference, motion, end, camera, units)
     if struck and not menu.explained:
         told = Diagnosis(part, noise, "" if laws else _said(struck, part.bodies))
         return told, laws
     return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
 
 
-def _by_menu(motion: Motion, end: int) -> ByMenu | None:
+def _by_menu(motion: Motion, end: int, units: Units) -> ByMenu | None:
     """What the menu says of a table; ``None`` where it can say nothing."""
     try:
         found = diagnose_motion(motion.cut(0, end))
     except Unseen:
         return None
-    return ByMenu(found, found.inference, motion, end) if found.inference else None
+    return ByMenu(found, found.inference, motion, end, False, units) if found.inference else None
 
 
 def _best_of(

@@ -10,7 +10,7 @@ from vidphys.diagnose.explanations.equations import of_law
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group
-from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.recordings.units import Units
 
 RIVALS = 5  # that are kept
@@ -33,15 +33,7 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
         "restoring": fit.model.law.restoring,
         "friction": fit.model.law.friction,
         "walls": len(fit.model.law.walls),
-        "quantities": {
-            x.name: {
-                "value": units.told(x.value, x.length),
-                "standard_error": units.told(x.error, x.length),
-                "unit": units.named(x.length, x.seconds),
-                "known": x.known,
-            }
-            for x in known
-        },
+        "quantities": {x.name: told_as_data(x, units) for x in known},
         "equation": None if written is None else written.data,
         "errors": {
             "white": units.told(fit.errors.white, 1),
@@ -66,6 +58,17 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
         told = [units.told(float(x), 1) for x in fit.shown(place[None])[0, 0]]
         held[FIXED[fit.model.law.restoring]] = told
     return held
+
+
+def told_as_data(x: Quantity, units: Units) -> dict[str, Any]:
+    """A number with its error in the unit in which lengths are told, and that unit."""
+    error = units.told(x.error, x.length)
+    return {
+        "value": units.told(x.value, x.length),
+        "standard_error": error if np.isfinite(error) else None,
+        "unit": units.named(x.length, x.seconds),
+        "known": x.known,
+    }
 
 
 def wall_of(fit: Fit) -> dict[str, Any] | None:

@@ -22,7 +22,8 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
-from vidphys.diagnose.explanations.menu_model import numbers_of, specification, temperature
+from vidphys.diagnose.explanations.menu_model import specification
+from vidphys.diagnose.explanations.menu_numbers import number_lines, quantities_of
 from vidphys.diagnose.explanations.pair_words import other_shapes, pair_lines
 from vidphys.diagnose.explanations.verdict import (
     MOSTLY,
@@ -38,10 +39,11 @@ from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.weigh import BELIEVED
 from vidphys.diagnose.recordings.motion import Motion, Unseen
+from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
 from vidphys.diagnose.weak.windows import cut_windows
-from vidphys.statistics import NORMAL_95, as_ratio, with_error
+from vidphys.statistics import as_ratio
 
 ASKED = (
     "pair",
@@ -84,6 +86,7 @@ class ByMenu(Explanation):
         motion: the whole recording.
         end: first frame that nothing was fitted to.
         camera: whether the places are of bodies that were followed in a picture.
+        units: in which lengths are told.
     """
 
     found: Diagnosis
@@ -91,6 +94,11 @@ class ByMenu(Explanation):
     motion: Motion
     end: int
     camera: bool = False
+    units: Units = Units()
+
+    @property
+    def told_in(self) -> Units:
+        return self.units
 
     @property
     def kinds(self) -> list[str]:
@@ -152,8 +160,9 @@ class ByMenu(Explanation):
         else:
             lines.append(f"The motion shows {named(self.inference)}.")
         for part in found.inferences:
-            written = of_terms(part, numbers_of(part)).line
-            lines += [f"  {line}" for line in (written, *_numbers(part), *pair_lines(part))]
+            written = of_terms(part, (x.name for x in quantities_of(part))).line
+            numbers = number_lines(part, self.units)
+            lines += [f"  {x}" for x in (written, *numbers, *pair_lines(part, self.units))]
         lines += [] if found.parts else _uncertain(self.inference)
         if found.outweighed:
             lines.append(OUTWEIGHED.format(ratio=BELIEVED))
@@ -282,23 +291,6 @@ def named(inference: Inference) -> str:
     """The kinds of its terms, in words."""
     kinds = [WORDS.get(kind, kind) for kind in sorted(inference.kinds)]
     return ", ".join(kinds) if kinds else "inertia and nothing else"
-
-
-def _numbers(inference: Inference) -> list[str]:
-    fitted = inference.fitted
-    lines = []
-    for term in inference.terms:
-        at = fitted.place(term)
-        values = [
-            f"{name} {with_error(fitted.values[k], NORMAL_95 * fitted.errors[k])}"
-            for k, name in enumerate(term.coefficients, at)
-        ]
-        if term.scale is not None:
-            values.append(f"length {with_error(fitted.values[-1], NORMAL_95 * fitted.errors[-1])}")
-        lines.append(f"{term.kind}: {', '.join(values)} (95 %)")
-    if inference.bathed:
-        lines.append(f"bath: temperature {temperature(inference):.3g} (unit masses, k_B = 1)")
-    return lines
 
 
 def _uncertain(inference: Inference) -> list[str]:

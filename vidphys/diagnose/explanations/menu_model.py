@@ -8,9 +8,10 @@ import numpy as np
 
 from dynamics import terms
 from dynamics.terms import PortTerm, PotentialTerm
+from vidphys.diagnose.explanations.menu_numbers import quantities_of
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.inference.inference import Inference
-from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR, TWO_SHAPES, Term
+from vidphys.diagnose.inference.menu import EXTERNAL, PAIR, Term
 
 PORTS: dict[str, PortTerm] = {
     "linear": terms.Drag("linear", "positive"),
@@ -33,7 +34,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         model_of(inference),
         inference.windows.frames.shape[2],
         origin or [0.0] * inference.windows.frames.shape[-1],
-        numbers_of(inference),
+        {x.name: (x.value, x.error) for x in quantities_of(inference)},
         inference.leftover.explained,
         interval,
     )
@@ -66,13 +67,12 @@ def _between(inference: Inference) -> list[PotentialTerm]:
 
 def shaped(term: Term, strengths: np.ndarray) -> list[PotentialTerm]:
     """The potentials of a pair force of the menu, one for each of its strengths."""
-    shapes, _ = TWO_SHAPES.get(term.shape, (term.shape.split("+"), ()))
     parts = term.parts or (term,) * len(strengths)
     return [
         terms.Shaped(
             part.source, shape=shape, strength=float(strength), length=float(part.scale or 1.0)
         )
-        for part, shape, strength in zip(parts, shapes, strengths, strict=True)
+        for part, shape, strength in zip(parts, term.shapes, strengths, strict=True)
     ]
 
 
@@ -91,24 +91,3 @@ def _outside(inference: Inference) -> tuple[PotentialTerm | None, list[float]]:
         aside = others[0]
         return terms.Pendulum(float(np.hypot(first, aside))), [float(np.arctan2(aside, first))]
     return terms.Uniform(), []
-
-
-def numbers_of(inference: Inference) -> dict[str, tuple[float, float]]:
-    """Those of the terms, by kind and name, each with its standard error."""
-    fitted = inference.fitted
-    found: dict[str, tuple[float, float]] = {}
-    for term in inference.terms:
-        for k, name in enumerate(term.named, fitted.place(term)):
-            found[name] = float(fitted.values[k]), float(fitted.errors[k])
-        if term.scale is not None:
-            found[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
-    if inference.bathed:
-        found["bath: temperature"] = temperature(inference), float("nan")
-    return found
-
-
-def temperature(inference: Inference) -> float:
-    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
-    friction = inference.structure.term(FRICTION)
-    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
-    return inference.kicks / (2 * rate) if rate > 0 else float("inf")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import PAIR
+from vidphys.diagnose.recordings.units import Units
 
 FALLS_OFF = {  # shape of a pair force: how it goes with the distance r
     "point": "1 / r²",
@@ -20,7 +21,7 @@ WOULD_TELL = "Bodies that come nearer to each other and go farther apart would t
 AS_LIKELY = 8.0  # of log likelihood after its price, by which another shape is worse that may hold
 
 
-def pair_lines(inference: Inference) -> list[str]:
+def pair_lines(inference: Inference, units: Units) -> list[str]:
     """How the pair force of an answer goes with the distance, if one of a known shape is there."""
     pair = inference.structure.term(PAIR)
     if pair is None or pair.shape not in FALLS_OFF:
@@ -33,18 +34,22 @@ def pair_lines(inference: Inference) -> list[str]:
         told = "they repel each other when near, and attract each other farther off"
     lines = [f"{told}; the force goes with {FALLS_OFF[pair.shape]}"]
     if pair.shape == "lennard-jones":
-        lines.append(_usual_form(*numbers))
+        lines.append(_usual_form(numbers[0], numbers[1], units))
     if others:
         like = "; or ".join(FALLS_OFF[shape] for shape in others)
         lines.append(f"as likely with {like}. {WOULD_TELL}")
     return lines
 
 
-def _usual_form(repulsion: float, attraction: float) -> str:
+def _usual_form(repulsion: float, attraction: float, units: Units) -> str:
     """Lennard-Jones's force by what it is known by: the distance of no energy, and the depth."""
     sixth = repulsion / (2 * attraction)
-    depth = attraction / (24 * sixth)
-    return f"sigma {sixth ** (1 / 6):.4g}, epsilon {depth:.4g} (of masses one)"
+    sigma, depth = units.told(sixth ** (1 / 6), 1), units.told(attraction / (24 * sixth), 2)
+    long, deep = (
+        f"{x:.4g} {unit}".rstrip()
+        for x, unit in ((sigma, units.named(1, 0)), (depth, units.named(2, -2)))
+    )
+    return f"sigma {long}, epsilon {deep} (of masses one)"
 
 
 def other_shapes(inference: Inference) -> list[str]:

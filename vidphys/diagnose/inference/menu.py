@@ -118,6 +118,12 @@ class Term:
         return [f"{kind}: {name}" for kind, name in zip(of, self.coefficients, strict=True)]
 
     @property
+    def shapes(self) -> tuple[str, ...]:
+        """The shape that each coefficient of a pair force belongs to."""
+        shapes, _ = TWO_SHAPES.get(self.shape, (tuple(self.shape.split("+")), ()))
+        return shapes
+
+    @property
     def size(self) -> int:
         """Numbers that are fitted, lengths among them."""
         lengths = [term.scale for term in self.parts or (self,)]
@@ -181,7 +187,9 @@ SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
 """Pair force over the displacement, from the distance and a length; infinite distance gives 0."""
 
 
-TWO_SHAPES = {  # pair forces of two numbers: their shapes, and what the numbers are called
+TWO_SHAPES: dict[
+    str, tuple[tuple[str, ...], tuple[str, ...]]
+] = {  # pair forces of two numbers: their shapes, and what the numbers are called
     "rest-length": (("spring", "rest-length"), ("stiffness", "offset")),
     # of an energy (repulsion / 12) / r^12 - (attraction / 6) / r^6 (Jones 1924)
     "lennard-jones": (("twelve", "six"), ("repulsion", "attraction")),

@@ -106,15 +106,16 @@ def _answer(
     explanation = understood.explanation
     found, identity = _later(understood.found, used.first + begin + later), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
+    told_in = (None if explanation is None else explanation.told_in) or units or Units()
     answered = Answered(
         found,
         summary(found, explanation),
-        as_data(found, identity, explanation, advice),
+        as_data(found, identity, explanation, advice, told_in),
         None,
         {"noise_sigma": found.noise.sigma},
         recorded.times[-1],
         recorded.positions[-1],
-        told_in=(None if explanation is None else explanation.told_in) or units or Units(),
+        told_in=told_in,
     )
     said = about(found, identity, advice, answered.told_in)
     lawful = later + (0 if explanation is None else explanation.first)

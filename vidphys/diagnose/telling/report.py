@@ -9,8 +9,10 @@ import numpy as np
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.equations import of_terms
 from vidphys.diagnose.explanations.explanation import Explanation
+from vidphys.diagnose.explanations.law_data import told_as_data
 from vidphys.diagnose.explanations.menu import ASKED
 from vidphys.diagnose.explanations.menu_model import specification
+from vidphys.diagnose.explanations.menu_numbers import quantities_of
 from vidphys.diagnose.explanations.verdict import EXPLAINED, FOUND_AGAIN, LONG, MOSTLY, NOT, Verdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.recordings.identity import Identity
@@ -101,7 +103,11 @@ def _advised(advice: Advice) -> str:
 
 
 def as_data(
-    found: Diagnosis, identity: Identity, explanation: Explanation | None, advice: Advice | None
+    found: Diagnosis,
+    identity: Identity,
+    explanation: Explanation | None,
+    advice: Advice | None,
+    units: Units,
 ) -> dict[str, Any]:
     """The diagnosis as JSON: every answer with its evidence; unknown numbers are null."""
     data: dict[str, Any] = {
@@ -122,7 +128,7 @@ def as_data(
         "sure": explanation is not None and bool(explanation.sure),
         "terms": explanation.kinds if explanation is not None else [],
         "mass": found.motion.mass[0].tolist(),
-        "parts": [_part(part, found.motion.interval) for part in found.inferences],
+        "parts": [_part(part, found.motion.interval, units) for part in found.inferences],
     }
     if found.switch is not None:
         switch = found.switch
@@ -155,11 +161,12 @@ def _status(explanation: Explanation | None) -> str:
     return explanation.verdict.status
 
 
-def _part(inference: Inference, interval: float) -> dict[str, Any]:
-    left, held = inference.leftover, specification(inference, interval)
+def _part(inference: Inference, interval: float, units: Units) -> dict[str, Any]:
+    left, known = inference.leftover, quantities_of(inference)
     return {
-        **held,
-        "equation": of_terms(inference, held["numbers"]).data,
+        **specification(inference, interval),
+        "quantities": {x.name: told_as_data(x, units) for x in known},
+        "equation": of_terms(inference, (x.name for x in known)).data,
         "probability": {kind: inference.chance(kind) for kind in ASKED},
         "structures": [
             {"terms": sorted(kinds), "probability": value}
