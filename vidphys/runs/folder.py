@@ -7,7 +7,6 @@ not at all. Each names the code that made it; one that other code goes on with i
 
 from __future__ import annotations
 
-import json
 import shutil
 import warnings
 from collections import Counter
@@ -20,22 +19,17 @@ import pyarrow as pa
 
 from vidphys.errors import InputError
 from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
-from vidphys.runs.asked import ASKED, asked_of, with_asked
-from vidphys.runs.code import code_hash, code_version
+from vidphys.runs.code import code_version
 from vidphys.runs.cost import Cost, marked
 from vidphys.runs.lock import LOCK, locked
+from vidphys.runs.origin import made_here, maker_of, with_origin
 from vidphys.runs.records import read_table, write_table
 from vidphys.runs.sealed import read_sealed, write_sealed
+from vidphys.runs.settings import are_of_one_run, extended
 from vidphys.runs.surroundings import mark_mixed, surroundings
-from vidphys.seeding import role_of
 
 SCHEMA_VERSION = 2
 UNSEALED = 1  # the schema of before run.json held a hash of itself
-GROWING = ("cells", "seeds")  # lists
-NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
-MADE_BY = b"code_version"  # in the metadata of a part's tables
-MADE_OF = b"code_hash"  # likewise
-MAKERS = b"code_modules"  # likewise: those whose hash that is, none for all
 FOLDERS = (
     "parts",
     "checkpoints",
@@ -161,15 +155,8 @@ class RunFolder:
     def _begin(self, settings: dict[str, Any], overwrite: bool, threads: int | None) -> None:
         if self.manifest_path.exists():
             manifest = self.manifest()
-            if _is_same(manifest["settings"], settings):
-                before = asked_of(manifest["settings"])
-                for key in GROWING:
-                    union = {*manifest["settings"][key], *settings[key]}
-                    manifest["settings"][key] = sorted(union)
-                if ASKED in settings:
-                    manifest["settings"][ASKED] = with_asked(before, settings[ASKED])
-                for key in settings.keys() & set(NAMED):
-                    manifest["settings"].setdefault(key, {}).update(settings[key])
+            if are_of_one_run(manifest["settings"], settings):
+                manifest["settings"] = extended(manifest["settings"], settings)
                 self._tell_mixed_code(manifest)
                 mark_mixed(self.path, manifest, threads)
                 self._keep(manifest)
@@ -239,11 +226,7 @@ class RunFolder:
             makers: modules that define what made it, see :func:`vidphys.runs.code.code_hash`.
             cost: what it took, where that is known.
         """
-        made = {
-            MADE_BY: code_version().encode(),
-            MADE_OF: code_hash(makers).encode(),
-            MAKERS: " ".join(makers).encode(),
-        }
+        made = made_here(makers)
         write_table(self._part(part, "episodes"), episodes.replace_schema_metadata(made))
         made |= marked(cost)
         write_table(self._part(part, "records"), records.replace_schema_metadata(made))
@@ -257,8 +240,8 @@ class RunFolder:
         """The code that made each finished part, where it says so."""
         end = ".records.parquet"
         files = sorted((self.path / "parts").glob(f"*{end}"))
-        found = {f.name.removesuffix(end): read_table(f).schema.metadata or {} for f in files}
-        return {name: told[MADE_BY].decode() for name, told in found.items() if MADE_BY in told}
+        found = {f.name.removesuffix(end): maker_of(read_table(f)) for f in files}
+        return {name: version for name, version in found.items() if version is not None}
 
     def _tell_mixed_code(self, manifest: dict[str, Any]) -> None:
         """Warn, and mark the manifest, if other code made what is there."""
@@ -290,7 +273,7 @@ class RunFolder:
         for kind in ("records", "episodes"):
             files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
             if files:
-                parts = [_with_origin(read_table(f)) for f in files]
+                parts = [with_origin(read_table(f)) for f in files]
                 tables[kind] = pa.concat_tables(parts, promote_options="default")
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:
@@ -339,36 +322,3 @@ class RunFolder:
 
     def _part(self, part: str, kind: str) -> Path:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
-
-
-def _with_origin(part: pa.Table) -> pa.Table:
-    """A part's table with what its seeds are for and which code made it.
-
-    A part that does not say of what code it is made counts as stale.
-    """
-    told = part.schema.metadata or {}
-    version, made_of = told.get(MADE_BY), told.get(MADE_OF)
-    now = code_hash(tuple(told.get(MAKERS, b"").decode().split()))
-    count, seeds = len(part), part["seed"].to_pylist()
-    columns = {
-        "role": pa.array([role_of(seed) for seed in seeds], pa.string()),
-        "code_version": pa.array([version and version.decode()] * count, pa.string()),
-        "stale": pa.array([made_of != now.encode()] * count, pa.bool_()),
-    }
-    part = part.replace_schema_metadata()
-    for name, column in columns.items():
-        part = part.append_column(name, column)
-    return part
-
-
-def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
-    """Whether two settings are of one run, as JSON gives them back: tuples and lists are equal."""
-    old, new = json.loads(json.dumps([old, new]))
-    for key in NAMED:
-        was, now = old.get(key, {}), new.get(key, {})
-        if any(was[name] != now[name] for name in was.keys() & now):
-            return False
-    kept = (
-        {k: v for k, v in each.items() if k not in (*GROWING, *NAMED, ASKED)} for each in (old, new)
-    )
-    return next(kept) == next(kept)

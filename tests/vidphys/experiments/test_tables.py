@@ -351,7 +351,7 @@ def test_confirmation_is_judged_first_and_apart_from_development(tmp_path):
     truth = {r["role"] for r in rows if r["row"]["cell"] == "truth"}
     assert truth == {"development"}  # it was asked for no seed of confirmation
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vidphys.runs.folder.code_hash", lambda _: "other")
+        patch.setattr("vidphys.runs.origin.code_hash", lambda _: "other")
         rows = study.write_verdicts(run, [TABLES["stability"]])["stability"]["rows"]
     assert {r["stale"] for r in rows if r["row"]["cell"] == "factored"} == {True}
 

@@ -100,5 +100,5 @@ def test_each_part_of_a_run_is_held_to_its_own_code(tmp_path, monkeypatch):
         run.finish(cell, *recorder.tables(), names)
     assert {row["stale"] for row in run.join().to_pylist()} == {False}
     other = {("vidphys.metrics",): "other"}
-    monkeypatch.setattr("vidphys.runs.folder.code_hash", lambda m: other.get(m) or code_hash(m))
+    monkeypatch.setattr("vidphys.runs.origin.code_hash", lambda m: other.get(m) or code_hash(m))
     assert [row["stale"] for row in run.join().to_pylist()] == [True, False, False]

@@ -63,7 +63,7 @@ def test_records_say_what_their_seed_is_for_and_which_code_made_them(tmp_path, m
     confirmed = {row["seed"] for row in rows if row["role"] == "confirmation"}
     assert confirmed == {100} and {row["role"] for row in rows} == {"confirmation", "development"}
     assert {(row["code_version"], row["stale"]) for row in rows} == {(code_version(), False)}
-    monkeypatch.setattr("vidphys.runs.folder.code_hash", lambda _: "other")
+    monkeypatch.setattr("vidphys.runs.origin.code_hash", lambda _: "other")
     run.finish("a-b-s101", *recorder(101).tables())
     found = {row["seed"]: row["stale"] for row in run.join().to_pylist()}
     assert found == {0: True, 2: True, 3: True, 99: True, 100: True, 101: False}
@@ -113,14 +113,16 @@ def test_rungs_extend_a_run_and_their_settings_are_what_makes_it(tmp_path):
 
 def test_other_code_that_goes_on_with_a_run_says_so_and_marks_it(tmp_path, monkeypatch):
     path = tmp_path / "r"
-    made = "vidphys.runs.folder.code_version"
-    monkeypatch.setattr(made, lambda: "aaa")
+    made = "vidphys.runs.folder.code_version", "vidphys.runs.origin.code_version"
+    for name in made:
+        monkeypatch.setattr(name, lambda: "aaa")
     run = RunFolder.open(path, SETTINGS)
     run.finish("a-b-s0", *recorder().tables())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert "mixed_code" not in RunFolder.open(path, SETTINGS).manifest()
-    monkeypatch.setattr(made, lambda: "bbb")
+    for name in made:
+        monkeypatch.setattr(name, lambda: "bbb")
     with pytest.warns(MixedCodeWarning, match=r"this is code bbb.* \(1 of 1\), by aaa"):
         run = RunFolder.open(path, SETTINGS)
     assert run.manifest()["mixed_code"] == ["aaa", "bbb"]
