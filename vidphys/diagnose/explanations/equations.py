@@ -170,7 +170,7 @@ def _restoring(law: Law, q: str, own: str) -> str:
         "pendulum": f"- {w} sin {q}",
         "elastic": f"g - {w} (1 - ℓ₀/|{q} - p|) ({q} - p)",
         "string": f"g - τ ({q} - p)",
-        "centre": f"a (d/|{q} - p|)ⁿ ({q} - p)/|{q} - p|",
+        "centre": f"a (d/|{q} - p|)^n ({q} - p)/|{q} - p|",
     }[law.restoring]
 
 
@@ -184,7 +184,7 @@ def _frictions(law: Law, q: str, which: str) -> list[str]:
 
 def _pushes(law: Law, q: str) -> list[str]:
     pushes = [f"+ Ω × {q}'"] if law.turning else []
-    pushes += [f"+ λ(t) n × {q}'"] if law.lift_fades is not None else []
+    pushes += [f"+ λ(t) ẑ × {q}'"] if law.lift_fades is not None else []
     return [*pushes, "+ A cos(σ t + φ)"] if law.forced else pushes
 
 
