@@ -458,7 +458,13 @@ def test_the_rungs_are_listed():
     assert {g.world for g in GROUNDINGS.values()} == {"anonymous"}
 
 
-@pytest.mark.parametrize("name", GROUNDINGS)
+OTHER_BLOBS = ("anonymous-hand-blobs", "anonymous-tracker-twostage-blobs")  # as the tracker's
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(x, marks=pytest.mark.slow if x in OTHER_BLOBS else ()) for x in GROUNDINGS],
+)
 def test_every_rung_gives_the_same_tracks_again(name, clips, tmp_path):
     task = FitTask(clips, SIZES, 0, "factored", tmp_path)
     fitted = GROUNDINGS[name].fit(task)

@@ -9,7 +9,7 @@ from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.filmed.laws.law import GRAVITY
 
-STEP, FRAMES, LENGTH = 1 / 60, 400, 0.4
+STEP, FRAMES, LENGTH = 1 / 60, 240, 0.4
 CART, BOB = 1.0, 0.5
 
 
