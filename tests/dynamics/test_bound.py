@@ -145,7 +145,7 @@ def test_a_double_pendulum_in_a_tilted_picture_is_the_textbook_s():
     head = build(terms.OnChain(PIVOT, ACROSS, DOWN, (0.5, 0.3), law), 2, 0.01).double()
     params = one(bodies=2)
     start = at(head, [1.2, -0.7], [0.5, 3.0], params)
-    path = rollout(head, start, params, 1000, 0.002, every=50)
+    path = rollout(head, start, params, 500, 0.002, every=25)
     a, b, *_ = solved(double_pendulum(0.5, 0.3, 1.0, 0.4, 9.8), [1.2, -0.7, 0.5, 3.0], path.times)
     rods = [np.sin(x)[:, None] * ACROSS + np.cos(x)[:, None] * DOWN for x in (a, b)]
     first = np.array(PIVOT) + 0.5 * rods[0]
@@ -164,7 +164,7 @@ def test_a_rod_s_inertia_slows_it_and_joints_with_friction_lose_energy():
     later = rollout(head, start, params, 100, 0.001).states.q[0, -1].item()
     assert later == pytest.approx(0.01 * np.cos(0.1 * acceleration**0.5), rel=1e-4)
     braked = build(replace(rod, ports=(terms.Drag(rate=0.2),)), 1, 0.01, space=1).double()
-    path = rollout(braked, start, params, 500, 0.01)
+    path = rollout(braked, start, params, 250, 0.01)
     energy = braked.energy(path.states, params).detach()[0]
     assert bool((energy.diff() < 1e-12).all()) and not braked.conserves
 
@@ -176,7 +176,7 @@ def test_each_has_its_own_law_and_springs_join_them():
     state = PhaseState(*torch.tensor([[[[1.5], [-0.3]]], [[[0.0], [1.0]]]]).double())
     for springs in ((), (terms.Spring(0, 1, 3.0, rest=0.5),)):
         head = build(terms.Each((slow, fast), springs), 2, 0.01, space=1).double()
-        path = rollout(head, state, params, 3000, 0.001, every=100)
+        path = rollout(head, state, params, 1500, 0.001, every=50)
         k = 3.0 if springs else 0.0
 
         def slope(_, x, k=k):
@@ -199,7 +199,7 @@ def test_pendulums_with_pivots_of_their_own_share_nothing_but_their_spring(apart
     params = one(bodies=2)
     parts = [at(law, [s], [0.0], one()) for law, s in zip(head.laws, (0.8, -0.2), strict=True)]
     start = PhaseState(*(torch.cat([getattr(x, k) for x in parts], -2) for k in "qp"))
-    path = rollout(head, start, params, 3000, 0.001, every=100)
+    path = rollout(head, start, params, 1500, 0.001, every=50)
 
     def slope(_, x):
         pull, lost = np.array([1.0, -1.0]) * 1.5 * (x[0] - x[1]), np.array([0.0, 0.3 * x[3]])

@@ -21,6 +21,7 @@ HOME = Path(__file__).parents[2]
 BOTH = [signal.SIGINT, signal.SIGTERM]
 LONG = int(os.environ.get("VIDPHYS_FAULTS", "0"))  # `make faults`: so many instants
 AFTER = [20 * k / LONG for k in range(LONG)] if LONG else [0.0, 0.4, 1.5, 6.0]
+LATER = {(0.4, signal.SIGTERM), (1.5, signal.SIGINT), (6.0, signal.SIGINT)}
 LADDER = ["ladder", "--cells", "oracle/factored", "oracle/unstructured", "--seeds", "2"]
 SCRIPT = """
 import sys
@@ -101,9 +102,15 @@ def ends_when_told(run: subprocess.Popen, number: int, to_all: bool = False) -> 
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("number", BOTH)
-@pytest.mark.parametrize("after", AFTER)
-def test_f6_a_run_that_is_told_to_end_does_so_at_any_instant(tmp_path, number, after):
+@pytest.mark.parametrize(
+    ("after", "number"),
+    [
+        pytest.param(x, n, marks=pytest.mark.slow if (x, n) in LATER else ())
+        for x in AFTER
+        for n in BOTH
+    ],
+)
+def test_f6_a_run_that_is_told_to_end_does_so_at_any_instant(tmp_path, after, number):
     run = started("-m", "vidphys", *LADDER, "--out", str(tmp_path / "r"))
     until(lambda: heeds(run.pid, signal.SIGTERM))  # Python's own start is before us
     time.sleep(after)
@@ -145,8 +152,7 @@ def once(folder: Path, name: str, _report) -> None:
 def always(folder: Path, name: str, report) -> None:
     (folder / f"{name}-{os.getpid()}").touch()
     report(f"part {name}", 1, 1)
-    if name == "b":
-        os.kill(os.getpid(), signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def deaf(folder: Path, name: str, _report) -> None:
@@ -162,9 +168,13 @@ class Odd(Exception):
         super().__init__(f"{one} and {two}")
 
 
-def raises(_folder: Path, name: str, _report) -> None:
-    if name == "b":
-        raise Odd(1, 2)
+def raises(_folder: Path, _name: str, _report) -> None:
+    raise Odd(1, 2)
+
+
+def mixed(folder: Path, name: str, report) -> None:
+    """Tasks that are done, that die once or each time, and that fail."""
+    {"c": always, "d": raises}.get(name, once)(folder, name, report)
 
 
 def waits(folder: Path, name: str, _report) -> None:
@@ -172,30 +182,23 @@ def waits(folder: Path, name: str, _report) -> None:
     time.sleep(600)
 
 
-def result_of(work, folder: Path) -> tuple[list[int], list[tuple[int, Exception]]]:
+def result_of(work, folder: Path, names="abc") -> tuple[list[int], list[tuple[int, Exception]]]:
     done: list[int] = []
-    tasks = [(folder, name) for name in "abc"]
+    tasks = [(folder, name) for name in names]
     return done, run_all(work, tasks, 2, lambda _: None, done.append)
 
 
-def test_f6_of_a_worker_that_is_killed_the_task_alone_is_done_again(tmp_path):
+def test_f6_a_task_whose_worker_is_killed_is_done_again_and_fails_alone_if_it_kills_each(tmp_path):
+    """And an exception that cannot be sent arrives as its text."""
     with pytest.warns(WorkerWarning, match=r"died \(SIGKILL.*tried again"):
-        done, failures = result_of(once, tmp_path)
-    assert failures == []
-    assert sorted(done) == [0, 1, 2]
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict(
-        a="x", b="xx", c="x"
-    )
-
-
-def test_f6_a_task_that_kills_each_worker_fails_and_the_others_are_done(tmp_path):
-    with pytest.warns(WorkerWarning):
-        done, failures = result_of(always, tmp_path)
-    ((number, error),) = failures
-    assert (sorted(done), number) == ([0, 2], 1)
-    assert isinstance(error, WorkerLost)
-    assert "part b died (SIGKILL, memory may have run out), as 2 did before it" in str(error)
-    assert len(list(tmp_path.glob("b-*"))) == 3
+        done, failures = result_of(mixed, tmp_path, "abcde")
+    lost, odd = (dict(failures)[number] for number in (2, 3))
+    assert (sorted(done), len(failures)) == ([0, 1, 4], 2)
+    assert isinstance(lost, WorkerLost)
+    assert "part c died (SIGKILL, memory may have run out), as 2 did before it" in str(lost)
+    assert len(list(tmp_path.glob("c-*"))) == 3
+    assert str(odd) == "Odd: 1 and 2"
+    assert {name: (tmp_path / name).read_text() for name in "abe"} == dict(a="x", b="xx", e="x")
 
 
 @pytest.mark.slow
@@ -216,15 +219,16 @@ def slow(_folder: Path, _name: str, _report) -> None:
     time.sleep(3)
 
 
-def test_an_exception_that_cannot_be_sent_arrives_as_its_text(tmp_path):
-    done, ((number, error),) = result_of(raises, tmp_path)
-    assert (sorted(done), number) == ([0, 2], 1)
-    assert str(error) == "Odd: 1 and 2"
-
-
-@pytest.mark.parametrize("number", [*BOTH, signal.SIGKILL])
-@pytest.mark.parametrize("when", ["starting", "working"])
-def test_f6_no_worker_outlives_its_run(tmp_path, number, when):
+@pytest.mark.parametrize(
+    ("when", "number"),
+    [
+        *(("starting", number) for number in (*BOTH, signal.SIGKILL)),
+        pytest.param("working", signal.SIGINT, marks=pytest.mark.slow),
+        ("working", signal.SIGTERM),
+        ("working", signal.SIGKILL),
+    ],
+)
+def test_f6_no_worker_outlives_its_run(tmp_path, when, number):
     (tmp_path / "script.py").write_text(SCRIPT)
     run = started(str(tmp_path / "script.py"), "waits", str(tmp_path))
     until(lambda: len(below(run.pid)) >= 2 if when == "starting" else (tmp_path / "b").exists())

@@ -155,29 +155,31 @@ def test_scenes_of_the_menu_are_told_apart(name):
     assert found.leftover.explained
 
 
-def test_a_heat_bath_is_found_with_its_temperature():
-    found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
-    assert found.kinds == {"trap", "linear", "bath"} and found.leftover.explained
-    assert found.kicks == pytest.approx(2 * 1.0 * 0.3, rel=0.25)
+@pytest.fixture(scope="module")
+def bathed():
+    return infer(seen("langevin", 0.005, 3, 1, 8, 64))
 
 
-def test_a_friction_that_may_be_zero_is_not_named_for_the_kicks_it_came_with():
-    found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
-    vague = replace(found.fitted, covariance=1e6 * found.fitted.covariance)
-    found = replace(found, fitted=vague)
+def test_a_heat_bath_is_found_with_its_temperature(bathed):
+    assert bathed.kinds == {"trap", "linear", "bath"} and bathed.leftover.explained
+    assert bathed.kicks == pytest.approx(2 * 1.0 * 0.3, rel=0.25)
+
+
+def test_a_friction_that_may_be_zero_is_not_named_for_the_kicks_it_came_with(bathed):
+    vague = replace(bathed.fitted, covariance=1e6 * bathed.fitted.covariance)
+    found = replace(bathed, fitted=vague)
     assert found.kinds == {"trap"}
     described = specification(found, STEP)
     assert list(described["terms"]["ports"]) == []
     assert all(name.startswith("trap") for name in described["numbers"])
 
 
-def test_a_baths_friction_is_known_no_better_than_the_speeds_seen_allow():
-    found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
-    sure = replace(found.fitted, covariance=1e-6 * found.fitted.covariance)
-    field = field_of(found.windows, sure.paths)
-    brief = replace(found.windows, times=found.windows.times / 40)  # 1.5 speeds are forgotten
-    assert _one_temperature(sure, found.kicks, field, found.windows)
-    assert not _one_temperature(sure, found.kicks, field, brief)
+def test_a_baths_friction_is_known_no_better_than_the_speeds_seen_allow(bathed):
+    sure = replace(bathed.fitted, covariance=1e-6 * bathed.fitted.covariance)
+    field = field_of(bathed.windows, sure.paths)
+    brief = replace(bathed.windows, times=bathed.windows.times / 40)  # 1.5 speeds are forgotten
+    assert _one_temperature(sure, bathed.kicks, field, bathed.windows)
+    assert not _one_temperature(sure, bathed.kicks, field, brief)
 
 
 def test_kicks_alone_are_no_heat_bath():
@@ -195,7 +197,9 @@ def test_a_bath_is_believed_only_where_speeds_last_for_some_frames(rate, explain
     assert ("record more often" in found.leftover.why) != explained
 
 
-@pytest.mark.parametrize("name", ["outside-magnetic", "outside-waning"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("outside-magnetic", marks=pytest.mark.slow), "outside-waning"]
+)
 def test_what_the_menu_lacks_is_said_to_be_unexplained(name):
     found = infer(seen(name, 0.005, 2, 1, 8, 64))
     assert not found.leftover.explained
@@ -238,7 +242,7 @@ def test_clips_put_out_of_order_together_are_one_accident():
     assert not nothing_to_see(motion_of(steady, STEP))
 
 
-@pytest.mark.parametrize("power", ["linear", "even"])
+@pytest.mark.parametrize("power", ["linear", pytest.param("even", marks=pytest.mark.slow)])
 def test_the_sign_of_the_coupling_is_not_guessed_from_positive_ones(power):
     coupling = np.linspace(0.5, 1.5, 6)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -247,7 +248,9 @@ def stopped_at(last: int) -> Progress:
     return progress
 
 
-@pytest.mark.parametrize("name", TINY)
+@pytest.mark.parametrize(
+    "name", ["dino-tiny", *(pytest.param(x, marks=pytest.mark.slow) for x in TINY[:2])]
+)
 def test_an_interrupted_pretraining_ends_with_the_same_release(
     name: str, tmp_path: Path, few: None
 ) -> None:
@@ -277,67 +280,52 @@ def held(folder: Path) -> dict[str, tuple[bytes, int]]:
     return {file.name: (file.read_bytes(), file.stat().st_mtime_ns) for file in folder.iterdir()}
 
 
-@pytest.mark.parametrize(
-    ("changed", "told"),
-    [
+def test_a_checkpoint_of_another_pretraining_is_refused(tmp_path: Path, few: None) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        pretrain(**ASKED, out=tmp_path, progress=stopped_at(2))
+    before = held(tmp_path)
+    others: list[tuple[dict[str, Any], str]] = [
         ({"name": "dino-tiny"}, "made of name videomae-tiny, .*, not name dino-tiny"),
         ({"seed": 2}, "seed 1, not .* seed 2"),
         ({"signs": "attraction"}, "couplings both, .*, not .* couplings attraction"),
         ({"settings": replace(TOY, steps=6)}, "made with other settings .*'steps': 4"),
-    ],
-)
-def test_a_checkpoint_of_another_pretraining_is_refused(
-    changed: dict[str, Any], told: str, tmp_path: Path, few: None
+    ]
+    for changed, told in others:
+        match = f"^checkpoint .*{told}.*; use another folder, or delete"
+        with pytest.raises(InputError, match=match):
+            pretrain(**{**ASKED, **changed}, out=tmp_path)
+        assert held(tmp_path) == before
+
+
+def test_a_pretraining_that_has_ended_is_neither_done_again_nor_overwritten(
+    tmp_path: Path, few: None
 ) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        pretrain(**ASKED, out=tmp_path, progress=stopped_at(2))
-    before = held(tmp_path)
-    with pytest.raises(InputError, match=f"^checkpoint .*{told}.*; use another folder, or delete"):
-        pretrain(**{**ASKED, **changed}, out=tmp_path)
-    assert held(tmp_path) == before
-
-
-def test_a_pretraining_that_has_ended_is_not_done_again(tmp_path: Path, few: None) -> None:
-    made = pretrain(**ASKED, out=tmp_path)
-    before, steps = held(tmp_path), []
-    again = pretrain(**ASKED, out=tmp_path, progress=lambda step, *_: steps.append(step))
-    assert again == made and steps == [] and held(tmp_path) == before
-
-
-@pytest.mark.parametrize(
-    ("changed", "told"),
-    [
+    made = pretrain(**ASKED, out=tmp_path / "made")
+    before, steps = held(tmp_path / "made"), []
+    again = pretrain(**ASKED, out=tmp_path / "made", progress=lambda step, *_: steps.append(step))
+    assert again == made and steps == [] and held(tmp_path / "made") == before
+    others: list[tuple[dict[str, Any], str]] = [
         ({"name": "dino-tiny"}, "name videomae-tiny, not name dino-tiny"),
         ({"seed": 2}, "made with seed 1, not seed 2;"),
         ({"signs": "attraction"}, "made with couplings both, not couplings attraction;"),
         ({"settings": replace(TOY, steps=6)}, "made with steps 4, not steps 6;"),
-    ],
-)
-def test_the_release_of_another_pretraining_is_not_overwritten(
-    changed: dict[str, Any], told: str, tmp_path: Path, few: None
-) -> None:
-    pretrain(**ASKED, out=tmp_path)
-    before = held(tmp_path)
-    with pytest.raises(InputError, match=f"holds a release .*{told}.*use another folder"):
-        pretrain(**{**ASKED, **changed}, out=tmp_path)
-    assert held(tmp_path) == before
-
-
-@pytest.mark.parametrize("lost", [RECORD, "config.json", "model.safetensors", "damaged"])
-def test_weights_of_unknown_origin_are_not_overwritten(
-    lost: str, tmp_path: Path, few: None
-) -> None:
-    pretrain(**ASKED, out=tmp_path)
-    if lost == "damaged":
-        (tmp_path / "config.json").write_text("{}")
-    else:
-        (tmp_path / lost).unlink()
-    before = held(tmp_path)
-    with pytest.raises(
-        InputError, match="other files than a pretraining leaves .*use another folder"
-    ):
-        pretrain(**ASKED, out=tmp_path)
-    assert held(tmp_path) == before
+    ]
+    for changed, told in others:
+        with pytest.raises(InputError, match=f"holds a release .*{told}.*use another folder"):
+            pretrain(**{**ASKED, **changed}, out=tmp_path / "made")
+        assert held(tmp_path / "made") == before
+    for lost in (RECORD, "config.json", "model.safetensors", "damaged"):
+        unknown = Path(shutil.copytree(tmp_path / "made", tmp_path / lost))
+        if lost == "damaged":
+            (unknown / "config.json").write_text("{}")
+        else:
+            (unknown / lost).unlink()
+        left = held(unknown)
+        with pytest.raises(
+            InputError, match="other files than a pretraining leaves .*use another folder"
+        ):
+            pretrain(**ASKED, out=unknown)
+        assert held(unknown) == left
 
 
 @pytest.mark.slow

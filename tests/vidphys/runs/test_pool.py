@@ -10,7 +10,6 @@ import torch
 
 from vidphys.runs.engine import engine_of
 from vidphys.runs.needs import Needs
-from vidphys.runs.pool import run_all
 from vidphys.training.loop import _finish_step_on_signal
 
 PARENT = """
@@ -33,26 +32,19 @@ def stubborn(folder: Path, name: str, _report) -> None:
         raise KeyboardInterrupt
 
 
-def tell_threads(folder: Path, name: str, _report) -> None:
-    (folder / name).write_text(str(torch.get_num_threads()))
-
-
-def test_a_worker_has_one_thread(tmp_path: Path):
-    assert run_all(tell_threads, [(tmp_path, "a")], 1, print, lambda _: None) == []
-    assert (tmp_path / "a").read_text() == "1"
-
-
 def tell_card(folder: Path, name: str, _report) -> None:
     (folder / name).write_text(os.environ.get("CUDA_VISIBLE_DEVICES", "all"))
+    (folder / f"{name}-threads").write_text(str(torch.get_num_threads()))
     (folder / f"{name}-begun").touch()
     _until(lambda: len(list(folder.glob("*-begun"))) == 3)
 
 
-def test_workers_get_the_cards_in_turn(tmp_path: Path, monkeypatch):
+def test_workers_get_the_cards_in_turn_and_have_one_thread(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3, 5")
     tasks, share = [(tmp_path, name) for name in "abc"], [Needs(gpu=0.5)] * 3
     assert engine_of("local", 3, None, share)(tell_card, tasks, print, lambda _: None) == []
     assert sorted((tmp_path / name).read_text() for name in "abc") == ["3", "3", "5"]
+    assert {(tmp_path / f"{name}-threads").read_text() for name in "abc"} == {"1"}
     assert os.environ["CUDA_VISIBLE_DEVICES"] == "3, 5"
 
 
