@@ -36,7 +36,10 @@ def drawn(rate, friction, frames=60):
     return (way.real[:, None] * [0.3, 0.1] + [0.1, -0.2])[:, None]
 
 
-@pytest.mark.parametrize(("friction", "settled"), [(2.0, False), (9.0, True), (20.0, True)])
+@pytest.mark.parametrize(
+    ("friction", "settled"),
+    [(2.0, False), (9.0, True), pytest.param(20.0, True, marks=pytest.mark.slow)],
+)
 def test_what_comes_to_rest_without_a_swing_may_be_a_hand(friction, settled):
     found = find_mechanism(noisy(drawn(8.0, friction)), camera=True)
     fit = found.groups[0].fit

@@ -25,7 +25,7 @@ def swinging(*rates: float) -> np.ndarray:
     return (np.stack(bodies, 1) + noise)[None]
 
 
-@pytest.mark.parametrize("rates", [(0.1, 0.1), (0.09, 0.11)])
+@pytest.mark.parametrize("rates", [(0.1, 0.1), pytest.param((0.09, 0.11), marks=pytest.mark.slow)])
 def test_bodies_with_frictions_of_their_own_are_told_from_bodies_with_one(rates):
     look = diagnose_motion(motion_of(swinging(*rates), 0.05)).look
     assert look is not None

@@ -326,6 +326,7 @@ def test_a_bounce_that_speeds_a_ball_up_along_the_wall_costs(monkeypatch):
     assert priced < kept() - 0.2
 
 
+@pytest.mark.slow
 def test_a_ball_that_does_not_spin_leaves_no_wall_faster_along_it():
     """A law of such a wall foretold ever wider leaps."""
     times = np.arange(40) * STEP
@@ -400,10 +401,11 @@ def test_a_swing_beside_a_wall_has_both(sign):
 
 
 def test_noise_alone_is_refused():
-    given = answer(noisy(np.zeros((80, 2)), 1.0), False, 0.3)
+    given = answer(noisy(np.zeros((40, 2)), 1.0), False, 0.3)
     assert given.data["status"] == "not explained" and given.data["refused"]
 
 
+@pytest.mark.slow
 def test_a_law_holds_from_where_a_hand_lets_go():
     fall = np.stack([2 * np.arange(60) * STEP, 6 - 4.9 * (np.arange(60) * STEP) ** 2], -1)
     hand = fall[0] + 0.3 * np.cumsum(np.random.default_rng(3).standard_normal((20, 2)), 0)[::-1]
@@ -784,6 +786,7 @@ def test_bodies_meet_where_a_law_that_is_nearly_as_likely_holds(behind, met, mon
     assert [group.fit for group in groups] == ([fits[0]] if met else [])
 
 
+@pytest.mark.slow
 def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand():
     times = np.arange(100) / 30
     free = np.clip(times - 1.0, 0, 0.9)  # then it lies
@@ -955,6 +958,7 @@ def test_a_slow_double_pendulum_is_told_though_a_frame_in_seven_is_doubled():
     assert "linear" not in rods.numbers  # nothing rubs, and what noise leaves is no friction
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_is_found_though_noise_was_likelier_than_a_weight():
     """As a white weight before a white wall; on the other rod it goes as nothing else does."""
     places = double_pendulum(0.25, 0.2, 0.4, (0.7, -0.4))

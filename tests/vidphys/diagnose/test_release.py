@@ -251,6 +251,7 @@ def test_a_short_clip_with_what_is_hardly_seen_has_a_body(unseen):
     assert motion.bodies >= 1 and motion.positions.shape[1] == 16
 
 
+@pytest.mark.slow
 def test_what_moves_in_its_first_frames_and_then_stays_is_no_body_beside_one_that_goes_on():
     g, t = np.random.default_rng(5), np.arange(26) / 25
     pulled = np.stack([-0.7 + 0.2 * t + 1.3 * t**2, 0.2 + 0 * t], -1)

@@ -63,7 +63,7 @@ def test_a_piece_just_above_the_weight_is_not_the_body_where_it_is_followed_less
     assert "thing 1 moves in proportion to thing 2" in looked_at(weight, aside)[1]
 
 
-@pytest.mark.parametrize("longer", [1.0, 1.1])
+@pytest.mark.parametrize("longer", [1.0, pytest.param(1.1, marks=pytest.mark.slow)])
 def test_a_pendulum_that_swings_beside_another_is_no_shadow(longer):
     bodies, said = looked_at(pendulum(0.4, 0.5, -0.4), pendulum(0.4, 0.5 * longer, 0.4))
     assert bodies == 2 and not said
@@ -157,7 +157,7 @@ def test_what_is_seen_at_other_times_is_no_shadow():
     assert "proportion" not in looked_at(weight, other)[1]
 
 
-@pytest.mark.parametrize(("bend", "kept"), [(0.3, 2), (0.6, 3)])
+@pytest.mark.parametrize(("bend", "kept"), [(0.3, 2), pytest.param(0.6, 3, marks=pytest.mark.slow)])
 def test_a_shadow_that_a_lens_bends_is_no_second_rod_and_hides_no_other_pendulum(bend, kept):
     weight, other = pendulum(0.3, 0.38, -0.37), pendulum(0.3, 0.75, 0.2)
     away = weight[:, 0] + 0.37
