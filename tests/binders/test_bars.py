@@ -17,7 +17,14 @@ def barred(frames: np.ndarray, down: int, across: int) -> np.ndarray:
     return np.pad(frames, ((0, 0), (down, down), (across, across), (0, 0)))
 
 
-@pytest.mark.parametrize(("down", "across"), [(0, 24), (16, 0), (12, 20)])
+@pytest.mark.parametrize(
+    ("down", "across"),
+    [
+        pytest.param(0, 24, marks=pytest.mark.slow),
+        pytest.param(16, 0, marks=pytest.mark.slow),
+        (12, 20),
+    ],
+)
 def test_a_hand_held_clip_is_followed_alike_with_bars(down: int, across: int) -> None:
     path, drift = swing()[:, None], wobble()
     found = MotionBinder()(barred(draw(path, drift), down, across), times())

@@ -32,8 +32,8 @@ def test_a_reel_and_its_masks(most: int, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_clip_in_a_file_is_followed_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    frames = draw(swing()[:, None], wobble())
-    when = times()
+    frames = draw(swing()[:24, None], wobble()[:24])
+    when = times()[:24]
     held = MotionBinder()(frames, when)
     monkeypatch.setattr(module, "HELD", 0)
     filed = MotionBinder()(frames, when)

@@ -656,7 +656,7 @@ def values_of(rows, rung, head, metric, **keys):
     return [r["value"] for r in found if r["status"] == "ok" and r["value"] is not None]
 
 
-@pytest.fixture(scope="module", params=[1, 3, 10])
+@pytest.fixture(scope="module", params=[1, pytest.param(3, marks=pytest.mark.slow), 10])
 def reported(request, tmp_path_factory):
     run = make_run(tmp_path_factory.mktemp("run") / f"seeds-{request.param}", request.param)
     path = write_report(run)

@@ -214,7 +214,10 @@ def test_errors_that_last_are_told_from_noise():
 # pendulums
 
 
-@pytest.mark.parametrize("start", [0.2, 1.05, 2.2])
+@pytest.mark.parametrize(
+    "start",
+    [pytest.param(0.2, marks=pytest.mark.slow), pytest.param(1.05, marks=pytest.mark.slow), 2.2],
+)
 def test_a_pendulum_in_the_picture_has_its_small_period_and_length_whatever_its_swing(start):
     found = find_mechanism(noisy(hung(swing(19.6, 0.1, start, 240)), 1.0))
     assert found.kinds == {"pendulum", "linear"}
@@ -950,6 +953,7 @@ def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_fram
     assert rods is not None and rods.left < 0.02 * rods.spread
 
 
+@pytest.mark.slow
 def test_a_slow_double_pendulum_is_told_though_a_frame_in_seven_is_doubled():
     places = double_pendulum(0.25, 0.25, 0.4, (0.3, 0.42))
     places[4::7] = np.nan

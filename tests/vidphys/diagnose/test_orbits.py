@@ -40,7 +40,7 @@ def seen(path, noise=0.001, seed=11):
     )
 
 
-@pytest.mark.parametrize("power", [2.0, 1.0, 2.5])
+@pytest.mark.parametrize("power", [2.0, pytest.param(1.0, marks=pytest.mark.slow), 2.5])
 def test_the_power_of_the_distance_is_told(power):
     law = orbiting(frames_of(seen(orbits(power))), camera=False)[0]
     assert law.kinds == {"centre"}

@@ -44,7 +44,7 @@ def swung(size, rate, damping, seconds=4.0):
     return size * np.exp(-damping * times / 2) * np.cos(rate * times + 0.4)
 
 
-@pytest.mark.parametrize("tilt", [-0.28, 0.2])
+@pytest.mark.parametrize("tilt", [pytest.param(-0.28, marks=pytest.mark.slow), 0.2])
 def test_a_tilted_spring_is_no_pendulum_seen_edge_on(tilt):
     along = np.array([0.99, 0.14])
     path = np.array([-0.05, -0.16]) + swung(0.16, 4.2, 0.37)[:, None] * along
