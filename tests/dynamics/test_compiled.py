@@ -252,7 +252,7 @@ for kind, dtype in (("displacement", torch.float32), ("radial", torch.float64)):
     head, (start, params) = t.model(kind).to(dtype), t.episodes(5, dtype=dtype)
     for reach, ran in ((100.0, "triton"), (1.0, "torch")):
         paths = [
-            t.compile_head(head, 1e-3, reach, backend=b).trajectory(start, params, 4, t.DT, 2)
+            t.compile_head(head, 1e-3, reach, backend=b).trajectory(start, params, 2, t.DT)
             for b in ("triton", "torch")
         ]
         assert paths[0].backend == ran and paths[0].fallbacks == paths[1].fallbacks
@@ -263,7 +263,14 @@ for kind, dtype in (("displacement", torch.float32), ("radial", torch.float64)):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("triton") is None, reason="triton is not installed")
-@pytest.mark.parametrize(("bodies", "count", "width"), [(3, 5, 48), (2, 9, 16), (5, 1, 64)])
+@pytest.mark.parametrize(
+    ("bodies", "count", "width"),
+    [
+        (3, 5, 48),
+        pytest.param(2, 9, 16, marks=pytest.mark.slow),
+        pytest.param(5, 1, 64, marks=pytest.mark.slow),
+    ],
+)
 def test_the_triton_kernel_of_a_network_is_the_torch_twin(bodies, count, width):
     """Widths that are no power of two, more rows than a program has, and fewer."""
     code = f"""

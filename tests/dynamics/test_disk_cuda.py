@@ -104,6 +104,7 @@ assert torch.equal(again.view(150, 2), found) and not again.requires_grad
     )
 
 
+@pytest.mark.slow
 @needs_triton
 def test_models_side_by_side_have_the_gradients_that_they_have_alone():
     interpreted(

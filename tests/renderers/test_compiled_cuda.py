@@ -45,7 +45,8 @@ def compare_all() -> None:
     reused._loops = lambda images: compiled_cuda
     for dtype in (torch.float32, torch.float64):
         for name in DRAW:
-            for camera in CAMERAS.values():
+            cameras = list(CAMERAS.values())
+            for camera in cameras if dtype == torch.float32 else cameras[1:2]:
                 compare(name, camera, dtype)
             empty = torch.zeros(0, 3, 2, dtype=dtype, requires_grad=True)
             none = DRAW[name](empty, camera, empty.new_empty(0, 3, camera.height, camera.width))
