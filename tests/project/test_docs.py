@@ -15,6 +15,7 @@ from vidphys.cli import main
 ROOT = Path(__file__).parents[2]
 TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+LONG = ("flip_a_law",)  # the tutorial changes a law as well
 
 
 @pytest.mark.timeout(600)
@@ -43,7 +44,11 @@ def test_there_are_five_examples():
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=pytest.mark.slow if p.stem in LONG else ()) for p in EXAMPLES],
+    ids=lambda path: path.stem,
+)
 def test_an_example_runs_and_says_what_it_found(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(path), run_name="__main__")

@@ -137,7 +137,7 @@ def test_extract_by_path_and_a_wrong_option(
     assert "takes no resolution; it takes cell" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("which", ["rendered", "strange"])
+@pytest.mark.parametrize("which", [pytest.param("rendered", marks=pytest.mark.slow), "strange"])
 def test_train(which: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Encoder, term, scene and both formats."""
     run, store = tmp_path / "run", tmp_path / "store"

@@ -278,7 +278,9 @@ def numbers(task):
     }
 
 
-@pytest.mark.parametrize("cell", ["even-factored", "three-body-factored-triples"])
+@pytest.mark.parametrize(
+    "cell", ["even-factored", pytest.param("three-body-factored-triples", marks=pytest.mark.slow)]
+)
 def test_misspecification_cells_leave_their_numbers(cell):
     task = CellTask("misspecification", cell, (0,), TINY)
     MISSPECIFICATION.cells[cell](task)

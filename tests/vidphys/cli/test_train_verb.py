@@ -69,14 +69,29 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def saved() -> list[pipeline_module.Pipeline]:
+    """The pipeline of the finished run, as it was when it was written."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def trained(
+    tmp_path_factory: pytest.TempPathFactory, saved: list[pipeline_module.Pipeline]
+) -> tuple[Path, Path]:
     """A finished run, and a clip that it was not trained on."""
+    real = pipeline_module.save_pipeline
+
+    def keep(folder: Path, pipeline: pipeline_module.Pipeline) -> None:
+        saved.append(pipeline)
+        real(folder, pipeline)
+
     root = tmp_path_factory.mktemp("trained")
     write_folder(root)
     write_clip(root / "new.avi", FRAMES, phase=0.5, table=False)
     with pytest.MonkeyPatch.context() as patch:
         know_cells(patch)
         coarse(patch)
+        patch.setattr(pipeline_module, "save_pipeline", keep)
         assert train(root / "mine", root / "run") == 0
     return root / "run", root / "new.avi"
 
@@ -204,7 +219,12 @@ class TestTraining:
         assert f"--readers: would have no effect: --readout {kind} takes none" in one_line(capsys)
 
     @pytest.mark.parametrize(
-        "cut", [1, 326, *(pytest.param(x, marks=pytest.mark.slow) for x in (5, 100, 317))]
+        "cut",
+        [
+            pytest.param(1, marks=pytest.mark.slow),
+            326,
+            *(pytest.param(x, marks=pytest.mark.slow) for x in (5, 100, 317)),
+        ],
     )
     def test_an_interrupted_training_ends_with_the_same_bits(
         self,
@@ -344,20 +364,11 @@ class TestTraining:
 @pytest.mark.usefixtures("cells")
 class TestRollout:
     def test_a_rebuilt_pipeline_gives_identical_outputs(
-        self, trained: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+        self, trained: tuple[Path, Path], saved: list[pipeline_module.Pipeline]
     ) -> None:
         run, clip = trained
-        kept = []
-        real = pipeline_module.save_pipeline
-
-        def keep(folder: Path, pipeline: pipeline_module.Pipeline) -> None:
-            kept.append(pipeline)
-            real(folder, pipeline)
-
-        monkeypatch.setattr(pipeline_module, "save_pipeline", keep)
-        assert train(run.parent / "mine", tmp_path / "again") == 0
-        (original,) = kept
-        rebuilt = load_pipeline(tmp_path / "again")
+        (original,) = saved
+        rebuilt = load_pipeline(run)
         video = open_video(clip, ClipSelection())
         for head in ("factored", "unstructured"):
             one, two = (p(video.frames, video.times, head=head) for p in (original, rebuilt))

@@ -132,7 +132,9 @@ def test_workers_that_are_killed_lose_nothing_and_nothing_comes_twice(tmp_path, 
     check(tmp_path / "s", alone)
 
 
-@pytest.mark.parametrize("operation", ["rename", "replace", "unlink"])
+@pytest.mark.parametrize(
+    "operation", ["rename", "replace", pytest.param("unlink", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("at", [0, *(pytest.param(x, marks=pytest.mark.slow) for x in (1, 2))])
 def test_a_kill_before_what_changes_names(tmp_path, clips, alone, operation, at):
     def dies():

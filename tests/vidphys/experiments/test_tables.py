@@ -252,7 +252,13 @@ def hasty(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "cell", ["truth", "factored-multi-step", "energy-penalised-1", "gns-noise"]
+    "cell",
+    [
+        "truth",
+        pytest.param("factored-multi-step", marks=pytest.mark.slow),
+        "energy-penalised-1",
+        "gns-noise",
+    ],
 )
 def test_a_cell_of_the_stability_table_leaves_records_of_every_seed(cell, hasty):
     task = CellTask("stability", cell, (0, 1), TINY)
@@ -286,7 +292,14 @@ def assert_medians_come_from_the_episodes(rows, episodes):
             assert row["value"] == statistics.median(finite)
 
 
-@pytest.mark.parametrize("name", ["factored/32", "unstructured/32", "symplectic/ring/softplus/128"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("factored/32", marks=pytest.mark.slow),
+        "unstructured/32",
+        "symplectic/ring/softplus/128",
+    ],
+)
 def test_a_cell_of_a_sweep_runs(name):
     table = "sensitivity" if "ring" in name else "data"
     task = CellTask(table, name, (0,), TINY)

@@ -64,8 +64,8 @@ def test_each_pixel_looks_at_what_shows_there_also_in_a_strong_barrels_corners(r
 @pytest.mark.parametrize(
     "add",
     [
-        CLEAN,
-        replace(CLEAN, tilt=25.0, side=120.0, roll=4.0),
+        pytest.param(CLEAN, marks=pytest.mark.slow),
+        pytest.param(replace(CLEAN, tilt=25.0, side=120.0, roll=4.0), marks=pytest.mark.slow),
         replace(CLEAN, radial=-0.2),
         replace(CLEAN, shake=0.5, readout=0.03, pan=3.0),
     ],
@@ -195,7 +195,7 @@ def test_the_truth_is_read_as_it_was_written(tmp_path):
 
 
 @drawn
-@pytest.mark.parametrize("kind", ["pendulum hand", "spring"])
+@pytest.mark.parametrize("kind", ["pendulum hand", pytest.param("spring", marks=pytest.mark.slow)])
 def test_drawing_only_where_something_moves_gives_the_whole_picture(kind, monkeypatch):
     clip = short(kind, replace(CLEAN, clutter=True), seconds=0.27)
     truth = truth_of(clip)
