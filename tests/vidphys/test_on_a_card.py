@@ -58,7 +58,12 @@ def examples(scene, _trajectories, seed):
     return true_segments(scene, 2, seed, oldest=0)
 
 
-@pytest.mark.parametrize("name", HEADS.ours())
+FEW = ("factored", "unstructured", "neural-ode")  # each way to a step; the others are slow
+
+
+@pytest.mark.parametrize(
+    "name", [x if x in FEW else pytest.param(x, marks=pytest.mark.slow) for x in HEADS.ours()]
+)
 def test_every_head_is_trained_and_rolled_there(name):
     scene = gravity("gaussian")
 
@@ -89,7 +94,7 @@ def test_every_head_is_trained_and_rolled_there(name):
         "anonymous-hand",
         pytest.param("anonymous-slots", marks=pytest.mark.slow),
         "dino-tiny",
-        "vjepa2-tiny",
+        pytest.param("vjepa2-tiny", marks=pytest.mark.slow),
         pytest.param("composed", marks=pytest.mark.slow),
     ],
 )
@@ -222,6 +227,7 @@ def test_a_clip_is_read_over_an_encoder_there(tmp_path, monkeypatch):
     write_clip(clip, 20, phase=0.5, table=False)
     steps = ["--steps", "6", "--head-steps", "2", "--shift", "1", "--no-mirrors", "--quiet"]
     how = ["--encoder", "dino-tiny", *steps, "--store", str(tmp_path / "features")]
+    how += ["--readout", "attention", "--widths", "8"]
     with a_card():
         assert main(["train", str(data), *how, "--out", str(run), "--device", "cuda"]) == 0
 
