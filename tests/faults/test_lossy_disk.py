@@ -195,6 +195,6 @@ class Runs(RuleBasedStateMachine):
 LONG = int(os.environ.get("VIDPHYS_FAULTS", "0"))
 TestRuns = Runs.TestCase
 TestRuns.settings = given(
-    max_examples=20 * LONG or 25, stateful_step_count=20, deadline=None, derandomize=True
+    max_examples=20 * LONG or 12, stateful_step_count=20, deadline=None, derandomize=True
 )
 TestRuns = pytest.mark.timeout(3000 if LONG else 300)(TestRuns)

@@ -148,7 +148,15 @@ def test_a_body_that_has_become_heavier_is_as_fast_as_it_was():
     assert not torch.allclose(pulled, whole(stage, asked(), "model")[0], atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["yoshida4", "rk4", "kahan_li8", "implicit_midpoint"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "yoshida4",
+        pytest.param("rk4", marks=pytest.mark.slow),
+        pytest.param("kahan_li8", marks=pytest.mark.slow),
+        "implicit_midpoint",
+    ],
+)
 def test_the_integrator_and_the_step_are_those_that_are_asked(name):
     stage = a_stage()
     found, about = whole(stage, asked(integrator=name, dt=0.004, steps=20), "model")
