@@ -183,14 +183,14 @@ def rows(run: Path) -> list[dict]:
 
 
 def test_two_workers_record_what_one_process_does(tmp_path, monkeypatch) -> None:
-    command = ["stress", "--axes", "drive", "coincidence", "input", "--quiet", "--out"]
+    command = ["stress", "--axes", "drive", "input", "--quiet", "--out"]
     assert main([*command, str(tmp_path / "two"), "--workers", "2"]) == 0
     monkeypatch.setattr(pool, "run_all", serially)
     assert main([*command, str(tmp_path / "alone")]) == 0
     assert rows(tmp_path / "two") == rows(tmp_path / "alone")
     for run in ("two", "alone"):
         logs = {log.stem: log.read_text() for log in (tmp_path / run / "logs").iterdir()}
-        assert logs.keys() == {"drive", "coincidence", "input"}
+        assert logs.keys() == {"drive", "input"}
         assert all("\ndone: " in re.sub(r"(?m)^\S+ ", "", log) for log in logs.values())
 
 
