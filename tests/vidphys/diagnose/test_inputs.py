@@ -198,7 +198,7 @@ def test_inputs_that_are_not_there_or_not_known(tmp_path, capsys):
 
 def test_a_grey_clip_is_followed_unless_told_that_brightness_is_a_shadow(tmp_path, capsys):
     clip, out = tmp_path / "grey.avi", tmp_path / "out"
-    places = small_clips.swing(40, 0.0)
+    places = small_clips.swing(60, 0.0)
     grey = small_clips.pictures(places).mean(-1, keepdims=True).repeat(3, -1).astype(np.uint8)
     write_video(clip, grey, small_clips.RATE)
     assert main(["diagnose", str(clip), "--shadow", "0.6", "--out", str(out)]) == 2
