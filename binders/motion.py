@@ -90,6 +90,7 @@ class MotionBinder:
             ValueError: fewer than three frames, no frame in which all bodies are seen, or what is
                 said of them fits nothing that moves.
         """
+        self.wanted.require(len(frames), *frames.shape[1:3])
         clip = Steadied(frames, times)
         view = _view(clip, self)
         bodies = [
@@ -273,8 +274,6 @@ def _told(clip: Steadied, wanted: Wanted, places: list[int]) -> Hypothesis:
     if wanted.size is not None:
         size = wanted.size / 2 / clip.factor
     for x, y, frame in (wanted.at[place] for place in places):
-        if not 0 <= frame < frames:
-            raise ValueError(f"at frame {frame}: the frames that are used are 0 to {frames - 1}")
         positions[frame] = in_working_pixels(x, y, clip.factor)
         values[:, frame] = 1.0, size, size, 1.0, 0.0
     energy, sizes, radius, compact, lit = values

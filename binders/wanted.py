@@ -37,6 +37,20 @@ class Wanted:
     mask: Bool[np.ndarray, "h w"] | None = None
     choose: tuple[int, ...] = ()
 
+    def require(self, frames: int, height: int, width: int) -> None:
+        """Refuse what no clip of this size can show, before anything is looked for.
+
+        Raises:
+            ValueError: a frame that is not used, a mask of another size, or a region and a mask
+                that leave nothing of the picture.
+        """
+        for *_, frame in self.at:
+            if not 0 <= frame < frames:
+                raise ValueError(
+                    f"at frame {frame}: the frames that are used are 0 to {frames - 1}"
+                )
+        self.where(height, width, 1)
+
     def where(
         self, height: int, width: int, factor: int
     ) -> Bool[np.ndarray, "{height} {width}"] | None:

@@ -87,16 +87,25 @@ def test_a_ball_stands_out_of_the_person_it_passes_before() -> None:
     assert (off < 1.0).mean(0).max() > 0.9
 
 
-def test_what_is_said_and_does_not_fit_is_refused() -> None:
-    frames = ball_and_person()[:20]
-    for wanted, said in (
-        (Wanted(choose=(40,)), "choose 40: there are candidates 1 to"),
+def test_a_candidate_that_there_is_not_is_refused() -> None:
+    with pytest.raises(ValueError, match="choose 40: there are candidates 1 to"):
+        MotionBinder(wanted=Wanted(choose=(40,)))(ball_and_person()[:20], times()[:20])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
         (Wanted(region=(500.0, 0.0, 5.0, 5.0)), "leave nothing of the picture"),
         (Wanted(mask=np.ones((9, 9), bool)), "the clip has another size"),
         (Wanted(at=((3.0, 3.0, 99),)), "frames that are used are 0 to 19"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            MotionBinder(wanted=wanted)(frames, times()[:20])
+    ],
+)
+def test_what_no_such_clip_can_show_is_refused_before_anything_is_looked_for(
+    wanted: Wanted, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("binders.motion.Steadied", None)
+    with pytest.raises(ValueError, match=said):
+        MotionBinder(wanted=wanted)(np.zeros((20, HEIGHT, WIDTH, 3), np.uint8), times()[:20])
 
 
 def test_as_many_bodies_as_move_lawfully() -> None:
