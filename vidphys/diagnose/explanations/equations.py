@@ -176,10 +176,11 @@ def _restoring(law: Law, q: str, own: str) -> str:
 
 def _frictions(law: Law, q: str, which: str) -> list[str]:
     own = which if isinstance(law, Colliding) else ""
-    direction = f"{q}'/|{q}'|" if q[0] == "r" else f"sign {q}'"
-    dry = f"- f{own} {direction}" if law.curve is None else f"- μ N {direction}"
-    said = {"linear": f"- γ{own} {q}'", "square": f"- β{own} |{q}'| {q}'", "dry": dry}
-    return [said[x] for x in law.frictions]
+    rubs = law.curve is not None  # by what presses it to the curve
+    return [
+        f"- μ N sign {q}'" if kind == "dry" and rubs else _resisting(kind, q, own)
+        for kind in law.frictions
+    ]
 
 
 def _pushes(law: Law, q: str) -> list[str]:
