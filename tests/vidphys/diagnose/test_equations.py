@@ -131,8 +131,38 @@ def test_a_law_stands_in_an_equation_with_the_letters_of_its_numbers(fit, names,
     assert (found.text, found.symbols) == (text, symbols)
 
 
-def test_letters_are_said_once_and_two_rods_have_no_line():
+def test_two_rods_stand_in_two_equations_that_their_motion_keeps():
+    law = Law(2, "chain", "linear", apart=True)
+    found = of_law(fitted(law, Angle(), 2), ["rate 1", "rate 2", "linear friction", "mass ratio"])
+    assert found.symbols == {"rate 1": "ω₁", "rate 2": "ω₂", "linear friction": "γ"}
+    told = {"swing 1": 30.0, "swing 2": 9.0, "link": 0.3, "inertia": 0.25, "linear": 0.4}
+    values = np.array([told[name] for name in law.names])
+    times = np.arange(200) * 1e-4
+    states = law.roll(values, np.array([[1.1, -0.4], [2.0, 3.0]]), times)
+    letters = {"a": 0.25, "b": 0.3, "γ": 0.4, "ω₁": 30.0**0.5, "ω₂": (9.0 / 0.25) ** 0.5}
+    angles, rates = states[1:-1, 0].T, states[1:-1, 1].T
+    bends = ((states[2:, 1] - states[:-2, 1]) / (times[2:] - times[:-2])[:, None]).T
+    for k, mark in enumerate("₁₂"):
+        letters |= {f"θ{mark}": angles[k], f"θ{mark}'": rates[k], f"θ{mark}''": bends[k]}
+    letters["Δ"] = angles[0] - angles[1]
+    for equation in found.text.split("; ")[:2]:
+        left, right = (by_parts(side, letters) for side in equation.split(" = "))
+        np.testing.assert_allclose(left, right, rtol=1e-5, atol=1e-4)
+
+
+def by_parts(text, letters):
+    """What a side of an equation gives, whose letters may have dashes behind them."""
+    names = {name: f"q{k}" for k, name in enumerate(sorted(letters, key=len, reverse=True))}
+    text = text.replace("cos ", "cos@").replace("sin ", "sin@").replace("²", "**2")
+    for name, plain in names.items():
+        text = text.replace(name, plain)
+    text = re.sub(r"(cos|sin)@(\w+)", r"\1(\2)", text)
+    product = re.sub(r"(?<=[\w)])\s+(?=[\w(])", "*", text)
+    known = {plain: letters[name] for name, plain in names.items()}
+    return eval(product, {"sin": np.sin, "cos": np.cos}, known)  # of this module's own equations
+
+
+def test_letters_are_said_once():
     found = of_law(LAWS[2][0], ["rate 1", "rate 2"])
     assert found.line.endswith("(ω rate)")
     assert of_law(LAWS[5][0], ["rest length"]).line.endswith("(ℓ₀ rest length)")
-    assert of_law(fitted(Law(2, "chain"), Angle(), 2), []) is None

@@ -124,8 +124,8 @@ def with_letters(text: str, names: Iterable[str], letters: Mapping[str, str] = L
     return Equation(text, symbols)
 
 
-def of_law(fit: Fit, names: Iterable[str]) -> Equation | None:
-    """Of a fitted law; ``None`` of two rods, whose equations do not fit a line.
+def of_law(fit: Fit, names: Iterable[str]) -> Equation:
+    """Of a fitted law.
 
     Args:
         fit: of the law.
@@ -133,7 +133,7 @@ def of_law(fit: Fit, names: Iterable[str]) -> Equation | None:
     """
     law, chart = fit.model.law, fit.model.charts[0]
     if law.restoring == "chain":
-        return None
+        return with_letters(_of_rods(law), names)
     several, turned = len(fit.model.charts) > 1, isinstance(chart, Turned)
     which = "ₖ" if turned else "ᵢ" if several else ""
     own = which if law.apart else ""
@@ -158,6 +158,17 @@ def of_law(fit: Fit, names: Iterable[str]) -> Equation | None:
         text += f"; where two meet, {q}' - {letter}ⱼ' → -e ({q}' - {letter}ⱼ') along their line"
     told = {f"{GAIN} {name}": letter for name, letter in gains.items()}
     return with_letters(text, names, LETTERS | told)
+
+
+def _of_rods(law: Law) -> str:
+    """Of two rods that hang end on end, by their angles, as the fit has them."""
+    upper = _sum(["- ω₁² sin θ₁", *_frictions(law, "θ₁", "")])
+    lower = _sum(["- a ω₂² sin θ₂", *_frictions(law, "θ₂", "")])
+    return (
+        f"θ₁'' + b (θ₂'' cos Δ + θ₂'² sin Δ) = {upper}; "
+        f"a θ₂'' + b (θ₁'' cos Δ - θ₁'² sin Δ) = {lower}; "
+        "Δ = θ₁ - θ₂; of weights on rods without mass b = λ m₂/(m₁ + m₂), a = λ b, λ = ℓ₂/ℓ₁"
+    )
 
 
 def _restoring(law: Law, q: str, own: str) -> str:

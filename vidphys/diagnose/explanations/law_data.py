@@ -26,7 +26,6 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
     """
     fit, chart = group.fit, group.fit.model.charts[0]
     known = quantities(fit, units.ends)
-    written = of_law(fit, (x.name for x in known))
     held: dict[str, Any] = {
         "bodies": list(group.bodies),
         "moves on": chart.name,
@@ -34,7 +33,7 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
         "friction": fit.model.law.friction,
         "walls": len(fit.model.law.walls),
         "quantities": {x.name: told_as_data(x, units) for x in known},
-        "equation": None if written is None else written.data,
+        "equation": of_law(fit, (x.name for x in known)).data,
         "errors": {
             "white": units.told(fit.errors.white, 1),
             "smooth": units.told(fit.errors.smooth, 1),

@@ -117,10 +117,9 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = _in_a_row(how, law, group.bodies) if law.loose else how
     known = quantities(fit, units.ends)
     numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
-    written = of_law(fit, (x.name for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
-        *([] if written is None else [f"  {written.line}"]),
+        f"  {of_law(fit, (x.name for x in known)).line}",
         *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
 
