@@ -33,6 +33,8 @@ LETTERS = {  # of numbers by their names, without the number of a body or of a d
     "strongest acceleration by what drives it": "A",
     "rate of what drives it": "σ",
     "rate of the spring": "ωᵢⱼ",
+    "inertia ratio": "a",
+    "link ratio": "b",
     "restitution": "e",
     "tangential restitution": "eₜ",
     # of the menu

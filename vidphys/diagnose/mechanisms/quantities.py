@@ -150,6 +150,8 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
                 continue
             whose = f"{root} friction {which}".strip()
             yield whose, number(name), 0 if turns else length, seconds
+        elif root in ("inertia", "link"):  # of the equations of two rods
+            yield f"{root} ratio", number(name), 0, 0
         elif root == "mass":  # over the first body's
             several = f" {which}" if "mass 3" in law.names else ""
             yield f"mass ratio{several}", number(name), 0, 0
