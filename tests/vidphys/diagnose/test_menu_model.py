@@ -107,3 +107,9 @@ def test_numbers_from_a_picture_are_told_in_its_unit():
         "linear: rate 0.70 ± 0.20 1/s (95 %)",
         "pair: strength 0.70 ± 0.20 1/s² (95 %)",
     ]
+
+
+def test_an_unknown_length_has_its_place_in_a_unit():
+    powers = [(1, 0), (1, -1), (3, -2), (-1, 0), (0, -2), (0, 0)]
+    told = [Units().named(*each) for each in powers]
+    assert told == ["", "length/s", "length³/s²", "1/length", "1/s²", ""]

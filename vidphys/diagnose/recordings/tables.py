@@ -90,7 +90,7 @@ def read_tracks(
         motion, resting = without_resting(motion)
         motion, rigid = as_rigid(motion, Units(found.length, 1.0))
         notes = (*notes, *resting, *rigid)
-    return Loaded(motion, angles, notes, Units(found.length))
+    return Loaded(motion, angles, notes, Units("rad" if angles else found.length))
 
 
 def _count(number: int, one: str, many: str = "") -> str:

@@ -60,8 +60,14 @@ class Units:
         )
 
     def named(self, length: float, seconds: int) -> str:
-        """The unit of a number that goes with powers of length and of seconds."""
-        parts = [(name, p) for name, p in ((self.name, length), ("s", seconds)) if name and p]
+        """The unit of a number that goes with powers of length and of seconds.
+
+        Where the unit of length is not known, the word stands for it; a length itself has none.
+        """
+        if not self.name and (length, seconds) == (1, 0):
+            return ""
+        powers = ((self.name or "length", length), ("s", seconds))
+        parts = [(name, power) for name, power in powers if power]
         above = " ".join(_raised(name, p) for name, p in parts if p > 0)
         under = "/".join(_raised(name, -p) for name, p in parts if p < 0)
         if not under:
