@@ -28,7 +28,7 @@ ALLOWED = {
         "vidphys/probing/atlas.py",  # the clips of an atlas, decoded once for all its units
         "vidphys/data/sets/__init__.py",  # lists of clips, by their files' times of change
         "vidphys/data/sets/apart.py",  # rows of their tables, likewise
-        "vidphys/data/formats/sleap.py",  # the arrays of a file, by when it was changed
+        "vidphys/data/formats/animals.py",  # the arrays of a file, by when it was changed
         "viz/page.py",  # the pages' templates, which are constants
     },
     "sets threads": set(),

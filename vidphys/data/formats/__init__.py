@@ -1,5 +1,6 @@
 """File formats by name; a new one is one file and one line here."""
 
+from vidphys.data.formats.animals import HDF5
 from vidphys.data.formats.base import (
     FORMATS,
     ClipFormat,
@@ -17,7 +18,7 @@ from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.deeplabcut import is_deeplabcut, read_deeplabcut
 from vidphys.data.formats.matlab import matlab_table, read_matlab
 from vidphys.data.formats.opencv import read_clip
-from vidphys.data.formats.sleap import HDF5, is_sleap, read_sleap
+from vidphys.data.formats.sleap import is_sleap, read_sleap
 from vidphys.data.formats.stacks import is_stack, read_stack
 from vidphys.data.formats.structured import read_structured, structured_table
 from vidphys.data.formats.tables import (
@@ -45,6 +46,7 @@ CAPTURED = TrackFormat((".trc", ".tsv", ".csv", ".txt"), read_captured, is_captu
 FORMATS.register("captured", CAPTURED)
 DEEPLABCUT = TrackFormat((".csv",), read_deeplabcut, is_deeplabcut, table=text_table)
 FORMATS.register("deeplabcut", DEEPLABCUT)
+FORMATS.register("deeplabcut hdf5", TrackFormat(HDF5, read_deeplabcut, is_deeplabcut))
 FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_table))
 BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 FORMATS.register("workbook", TrackFormat(BOOKS, read_workbook, table=workbook_table))

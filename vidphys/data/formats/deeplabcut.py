@@ -1,4 +1,4 @@
-"""Tracks as DeepLabCut writes them (CSV): parts of bodies of one or several animals, in pixels."""
+"""Tracks as DeepLabCut writes them (CSV, HDF5): parts of bodies of animals, in pixels."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vidphys.data.formats.animals import HDF5, arrays_of_tracks, holds
 from vidphys.data.formats.base import Recording
 from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.poses import of_parts
@@ -21,7 +22,9 @@ AXES = ("x", "y", "z")
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Whether a text begins as its tables do."""
+    """Whether a file begins as its texts do, or has its table in HDF5."""
+    if path.suffix.lower() in HDF5:
+        return holds(path, "heads")
     with path.open("rb") as file:
         return file.read(64).lstrip(b"\xef\xbb\xbf").startswith(BEGIN.encode() + b",")
 
@@ -33,14 +36,28 @@ def read_deeplabcut(path: Path, columns: Mapping[str, str], interval: float | No
         InputError: labels of single pictures, a table that ends early, or a part that it does not
             have.
     """
-    heads, rows = _lines(path)
+    heads, index, values = _binary(path) if path.suffix.lower() in HDF5 else _text(path)
     names, which = _bodies(heads)
-    frames = _frames(rows)
-    require_room((len(rows), len(rows[0])), 8, "frames by columns")
-    values = np.array([[_number(cell) for cell in row[1:]] for row in rows])
+    frames = _frames(index)
     places = np.stack([_places(values, which[name]) for name in names], 1)
     found = of_parts(places, names, columns, frames, interval, "DeepLabCut's parts")
     return replace(found, notes=(f"{found.notes[0]}; unseen where likelihood is below {SURE}",))
+
+
+def _binary(path: Path) -> tuple[dict[str, list[str]], np.ndarray, np.ndarray]:
+    """Names of the columns by their level, what rows begin with, and their numbers."""
+    held = arrays_of_tracks(path)
+    heads = dict(zip(held["levels"].tolist(), held["heads"].tolist(), strict=True))
+    _require_heads(heads, len(held["values"]))
+    return heads, held["index"], held["values"]
+
+
+def _text(path: Path) -> tuple[dict[str, list[str]], np.ndarray, np.ndarray]:
+    """See :func:`_binary`."""
+    heads, rows = _lines(path)
+    require_room((len(rows), len(rows[0])), 8, "frames by columns")
+    cells = np.array([[_number(cell) for cell in row] for row in rows])
+    return heads, cells[:, 0], cells[:, 1:]
 
 
 def _lines(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:
@@ -48,10 +65,14 @@ def _lines(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:
     lines = [row for row in csv.reader(decoded(path).splitlines()) if any(row)]
     at = next((k for k, row in enumerate(lines) if row[0] == END), len(lines))
     heads = {row[0]: [cell.strip() for cell in row[1:]] for row in lines[: at + 1]}
-    if "bodyparts" not in heads or END not in heads or len(lines) == at + 1:
-        raise InputError("begins as DeepLabCut's table, but has no bodyparts, coords and rows")
+    _require_heads(heads, len(lines) - at - 1)
     width = len(lines[at])
     return heads, [row for row in lines[at + 1 :] if len(row) == width]
+
+
+def _require_heads(heads: Mapping[str, Sequence[str]], rows: int) -> None:
+    if "bodyparts" not in heads or END not in heads or rows < 1:
+        raise InputError("begins as DeepLabCut's table, but has no bodyparts, coords and rows")
 
 
 def _bodies(heads: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, dict[str, int]]]:
@@ -64,19 +85,18 @@ def _bodies(heads: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, di
     return list(which), which
 
 
-def _frames(rows: Sequence[Sequence[str]]) -> np.ndarray:
+def _frames(index: np.ndarray) -> np.ndarray:
     """Numbers of the frames.
 
     Raises:
         InputError: they are no numbers that rise.
     """
-    numbers = np.array([_number(row[0]) for row in rows])
-    if not len(rows) or not np.isfinite(numbers).all() or (np.diff(numbers) <= 0).any():
+    if not len(index) or not np.isfinite(index).all() or (np.diff(index) <= 0).any():
         raise InputError(
             "the first column is no number of a frame that rises: labels of single pictures are "
             "no motion; give the table that DeepLabCut writes of a video"
         )
-    return numbers.astype(int)
+    return index.astype(int)
 
 
 def _places(values: np.ndarray, at: Mapping[str, int]) -> np.ndarray:

@@ -23,7 +23,7 @@ def read_apart(path: Path, kind: str, packages: Sequence[str]) -> dict[str, np.n
 
     Args:
         path: of the file.
-        kind: of it: ``c3d``, ``matlab``, ``matlab 7.3``, ``parquet``, ``sleap`` or ``workbook``.
+        kind: of it: ``c3d``, ``matlab``, ``matlab 7.3``, ``parquet``, ``tracks`` or ``workbook``.
         packages: that read it.
 
     Raises:

@@ -1,41 +1,21 @@
-"""Tracks as SLEAP exports them (``.analysis.h5``): nodes of skeletons, in pixels.
-
-DeepLabCut's HDF5 keeps the names of its columns in pickles, which can run any code; its CSV is
-read.
-"""
+"""Tracks as SLEAP exports them (``.analysis.h5``): nodes of skeletons, in pixels."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from vidphys.data.formats.animals import arrays_of_tracks, holds
 from vidphys.data.formats.base import Recording
-from vidphys.data.formats.foreign import read_apart
 from vidphys.data.formats.poses import of_parts
 from vidphys.errors import InputError
 
-HDF5 = (".h5", ".hdf5", ".hdf")
-KEPT = 1  # files whose arrays are kept, from when their kind is asked until they are read
-
 
 def is_sleap(path: Path) -> bool:
-    """Whether an HDF5 file has SLEAP's arrays; not told where h5py is missing."""
-    if importlib.util.find_spec("h5py") is None:
-        return False
-    try:
-        return "tracks" in _arrays(path, path.stat().st_mtime_ns)
-    except InputError:
-        return False
-
-
-@lru_cache(KEPT)
-def _arrays(path: Path, _changed: int) -> dict[str, np.ndarray]:
-    """Its tracks and their names; empty where it is of another kind."""
-    return read_apart(path, "sleap", ["h5py"])
+    """Whether an HDF5 file has SLEAP's arrays."""
+    return holds(path, "tracks")
 
 
 def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
@@ -44,7 +24,7 @@ def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -
     Raises:
         InputError: arrays of another shape, or a node that it does not have.
     """
-    held = _arrays(path, path.stat().st_mtime_ns)
+    held = arrays_of_tracks(path)
     tracks, nodes = held["tracks"], held["node_names"].tolist()
     if tracks.ndim != 4 or tracks.shape[1] != 2 or tracks.shape[2] != len(nodes):
         raise InputError(

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from vidphys.data.clip_files import ClipFile, Dataset
+from vidphys.data.formats.animals import HDF5
 from vidphys.data.formats.bounded import reading
-from vidphys.data.formats.sleap import HDF5, is_sleap
+from vidphys.data.formats.deeplabcut import is_deeplabcut
+from vidphys.data.formats.sleap import is_sleap
 from vidphys.data.formats.tables import arrays_of, headers_of
 from vidphys.data.sets.apart import Group, frames_of, groups_of
 from vidphys.data.sets.base import SetFormat, facts_of, labels_of, times_of
@@ -34,7 +36,7 @@ def looks(path: Path) -> bool:
     if not path.is_file():
         return False
     if path.suffix.lower() in HDF5:
-        return not is_sleap(path)
+        return not (is_sleap(path) or is_deeplabcut(path))
     if path.suffix.lower() != NPZ:
         return False
     try:
@@ -54,8 +56,8 @@ def read(path: Path) -> Dataset:
     clips = tuple(_of_group(path, one) for one in groups_of(path, FRAMES))
     if not clips:
         raise InputError(
-            f"no group in it has an array called {', '.join(FRAMES)}, nor is it SLEAP's; if it "
-            "holds tracks, give them as CSV (DeepLabCut writes one as well)"
+            f"no group in it has an array called {', '.join(FRAMES)}, nor is it SLEAP's or "
+            "DeepLabCut's; if it holds tracks, give them as CSV"
         )
     return Dataset(clips, stored=(path,))
 

@@ -1,4 +1,4 @@
-"""The program that reads one Parquet, MATLAB or C3D file, one workbook, or SLEAP's tracks.
+"""The program that reads one Parquet, MATLAB or C3D file, one workbook, or tracks of animals.
 
 Its message says the name, type and shape of each array; their bytes follow, in that order.
 """
@@ -207,28 +207,18 @@ def _workbook(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
     return {"lines": np.array(lines, str)}
 
 
-def _prepare_sleap() -> None:
+def _prepare_tracks() -> None:
     """See :func:`_prepare_parquet`."""
-    import hdf5  # noqa: F401
+    import tracks  # noqa: F401
 
 
-def _sleap(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
-    """Its tracks and their names; nothing where it has none."""
+def _tracks(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
+    """SLEAP's or DeepLabCut's; nothing of another's."""
     import h5py
-    from hdf5 import in_here, is_own, plain
+    from tracks import deeplabcut, sleap
 
-    names = "tracks", "node_names", "track_names"
     with h5py.File(FILE, "r") as file:
-        own = {name: file[name] for name in names if is_own(file, name)}
-        held = {name: in_here(x) for name, x in own.items() if isinstance(x, h5py.Dataset)}
-        if len(held) < len(names):
-            return {}
-        for name, x in held.items():
-            require_room(x.shape, most_bytes, name)
-        words = {
-            name: np.array([plain(word) for word in held[name][()]], str) for name in names[1:]
-        }
-        return {"tracks": held["tracks"][()], **words}
+        return sleap(file, most_bytes) or deeplabcut(file, most_bytes)
 
 
 READERS = {
@@ -236,7 +226,7 @@ READERS = {
     "matlab 7.3": ("a MATLAB file", _prepare_matlab_7_3, _matlab_7_3),
     "parquet": ("a table", _prepare_parquet, _parquet),
     "matlab": ("a MATLAB file", _prepare_matlab, _matlab),
-    "sleap": ("a file of SLEAP", _prepare_sleap, _sleap),
+    "tracks": ("a file of tracks", _prepare_tracks, _tracks),
     "workbook": ("a workbook", _prepare_workbook, _workbook),
 }
 
