@@ -33,7 +33,7 @@ from vidphys.data.formats.tables import (
     workbook_table,
 )
 from vidphys.data.formats.tapvid import is_tapvid, points_table, read_tapvid
-from vidphys.data.formats.text import holds_numbers
+from vidphys.data.formats.text import holds_numbers, is_table
 from vidphys.data.formats.tracker import is_project, read_marks, read_project
 
 FILMS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
@@ -64,6 +64,7 @@ FORMATS.register("c3d", TrackFormat((".c3d",), read_c3d))
 FORMATS.register("sleap", TrackFormat(HDF5, read_sleap, is_sleap))
 FORMATS.register("multipage", ClipFormat(STACKS, read_stack, is_stack, package="pillow"))
 FORMATS.register("video", VIDEO)
+FORMATS.register("any text", TrackFormat((), read_text, is_table, table=text_table))
 
 __all__ = [
     "FORMATS",

@@ -52,7 +52,8 @@ class Format:
     """A format of files.
 
     Args:
-        suffixes: of its files, in lower case, with the dot.
+        suffixes: of its files, in lower case, with the dot; none: any, where no format that was
+            registered before takes a file.
         read: see the subclasses.
         looks: whether the content of a file with such a suffix is of this format, where the
             suffix alone does not say.
@@ -64,7 +65,8 @@ class Format:
 
     def sniff(self, path: Path) -> bool:
         """Whether a file that is there is of this format."""
-        return path.suffix.lower() in self.suffixes and (self.looks is None or self.looks(path))
+        called = not self.suffixes or path.suffix.lower() in self.suffixes
+        return called and (self.looks is None or self.looks(path))
 
 
 @dataclass(frozen=True)

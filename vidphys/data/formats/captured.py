@@ -83,7 +83,7 @@ def _opensim(lines: Lines) -> _Take:
 def _qualisys(lines: Lines) -> _Take:
     told = {line[0]: line[1:] for line in lines if line[0].isupper()}
     names = [name for name in told["MARKER_NAMES"] if name]
-    rows = lines[next(k for k, line in enumerate(lines) if line[0] == "MARKER_NAMES") + 1 :]
+    rows = lines[max(k for k, line in enumerate(lines) if line[0].isupper()) + 1 :]
     headed = rows[0][0] == "Frame"  # then frames and times come first
     at = [2 * headed + SPACE * k for k in range(len(names))]
     rows = [_without_origin(row, at) for row in rows[headed:]]
@@ -121,6 +121,7 @@ def _vicon(lines: Lines) -> _Take:
 KINDS: Mapping[str, Callable[[Lines], _Take]] = {
     "PathFileType": _opensim,
     "NO_OF_FRAMES": _qualisys,
+    "FILE_VERSION": _qualisys,
     "Format Version": _motive,
     "Trajectories": _vicon,
 }

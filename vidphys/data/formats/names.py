@@ -12,16 +12,18 @@ LENGTHS |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048, "meter": 1.0, "meters": 
 PIXELS = frozenset({"px", "pixel", "pixels", "pix"})
 SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3}
 SECONDS |= {"msec": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
+SECONDS |= {"d": 86400.0, "day": 86400.0, "days": 86400.0, "h": 3600.0, "hours": 3600.0}
 RADIANS = {"rad": 1.0, "radian": 1.0, "radians": 1.0}
 NO_LENGTHS = frozenset({"V", "mV", "A", "mA", "N", "kg", "J", "W", "Nm", "N·m", "Pa", "°C", "mT"})
 DEGREES = ("deg", "degree", "degrees", "°", "grad", "gradi", "grados")
 RADIANS |= dict.fromkeys(DEGREES, math.pi / 180)
 
+DAYS = ("jd", "mjd", "jdtdb", "jdut", "julian date")  # dates as numbers, of astronomers
 ROLES = {
     "time": {"t", "time", "times", "seconds", "sec", "timestamp", "timestamps", "zeit", "temps"}
     | {"tiempo", "tempo", "ms", "millis", "milliseconds", "elapsed", "elapsed time", "time stamp"}
-    | {"datetime", "clock", "uhrzeit", "heure", "hora", "tid", "tijd", "czas", "aika", "idő"}
-    | {"čas", "время", "zaman"},
+    | {"datetime", "clock", "uhrzeit", "heure", "hora", "tid", "tijd", "czas", "aika", "ido"}
+    | {"cas", "время", "zaman", *DAYS},
     "frame": {"frame", "frames", "frame number", "frame no", "index", "idx", "step", "bild"}
     | {"sample", "sample number", "frame idx", "frame index", "frame id", "frame num"}
     | {"coords", "slice", "slice n"},  # as DeepLabCut, ImageJ and its Manual Tracking call it
@@ -31,29 +33,30 @@ ROLES = {
     "mass": {"mass", "m"},
     "coupling": {"coupling", "g", "strength"},
 }
+TELLS = dict.fromkeys(("ms", "millis", "milliseconds"), "ms")  # units that a time is called by
+TELLS |= dict.fromkeys(DAYS, "d")
 ANGLES = frozenset(
     {"theta", "angle", "phi", "psi", "o", "winkel", "ang", "joint", "angulo", "angolo"}
 )
 ALONE = {"q", "position", "pos", "displacement", "s", "distance", "d", "height", "h", "location"}
-ALONE |= {"posición", "posicion", "posição", "posicao", "posizione", "posisjon", "hauteur", "höhe"}
-ALONE |= {"altura", "altezza", "høyde", "abstand", "strecke", "strekning", "desplazamiento"}
-ALONE |= {"elongation", "auslenkung", "ort", "weg", "deflection", "extension", "coordinate"}
-ALONE |= {"spostamento", "déplacement"}
+ALONE |= {"posicion", "posicao", "posizione", "posisjon", "hauteur", "hohe", "altura", "altezza"}
+ALONE |= {"høyde", "abstand", "strecke", "strekning", "desplazamiento", "elongation", "auslenkung"}
+ALONE |= {"ort", "weg", "deflection", "extension", "coordinate", "spostamento", "deplacement"}
 RATES = {"velocity", "vel", "speed", "acceleration", "accel", "acc", "omega", "w", "dot", "ddot"}
 RATES |= {"v", "alpha", "rate", "momentum", "p", "geschwindigkeit", "beschleunigung", "vitesse"}
-RATES |= {"velocidad", "velocidade", "velocità", "fart", "aceleración", "aceleração"}
-RATES |= {"accélération", "accelerazione", "akselerasjon"}
+RATES |= {"velocidad", "velocidade", "velocita", "fart", "aceleracion", "aceleracao"}
+RATES |= {"accelerazione", "akselerasjon"}
 RATES |= {f"{d}{axis}" for d in ("v", "a", "d", "dd", "p") for axis in "xyzr"}
 RATES |= {f"{d}{angle}" for d in ("d", "dd") for angle in ANGLES}
 RATES |= {f"{axis}{dot}" for axis in ("x", "y", "z", "q", *ANGLES) for dot in ("dot", "ddot")}
 INPUTS = {"torque", "tau", "force", "input", "u", "command", "cmd", "voltage", "current", "motor"}
-INPUTS |= {"effort", "control", "drive", "moment", "kraft", "fuerza", "força", "forza"}
+INPUTS |= {"effort", "control", "drive", "moment", "kraft", "fuerza", "forca", "forza"}
 INPUTS |= {"commanded", "setpoint"}
 OTHERS = {"err", "error", "sigma", "std", "unc", "uncertainty", "likelihood", "confidence", "conf"}
 OTHERS |= {"orientation", "quaternion", "quat"}
 OTHERS |= {"score", "energy", "area", "radius", "temperature", "note", "width", "probability"}
-MEASURES = {"length", "lengths", "länge", "lengde", "longueur", "longitud", "lunghezza", "lengte"}
-MEASURES |= {"period", "periods", "periode", "période", "periodo", "período", "okres"}
+MEASURES = {"length", "lengths", "lange", "lengde", "longueur", "longitud", "lunghezza", "lengte"}
+MEASURES |= {"period", "periods", "periode", "periodo", "okres"}
 FILLERS = {"pos", "position", "coord", "coordinate", "centroid", "center", "centre", "location"}
 FILLERS |= {"image", "of", "the", "world", "axis"}
 GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "ψ": "psi"}
@@ -99,7 +102,7 @@ def meaning_of(name: str) -> Meaning:
     joined = " ".join(word for word in words if not word.isdigit())
     for role, usual in ROLES.items():
         if joined in usual:
-            unit = unit or ("ms" if joined in ("ms", "millis", "milliseconds") else "")
+            unit = unit or TELLS.get(joined, "")
             return Meaning(role, unit=unit)
     spoken = [word for word in words if not word.isdigit()]
     labels = [word for word in words if word.isdigit()]
@@ -184,4 +187,5 @@ def _words(name: str) -> list[str]:
     text = text.lower().replace("\\", " ")
     text = re.sub(r"^([vad]) (?=[xyz]\b)", r"\1", text.strip())
     text = re.sub(r"\b(?:pos|c|t)([xyz])\b", r"pos \1", text)
+    text = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFD", text))  # accents
     return re.findall(r"[^\W\d_]+|\d+", text)

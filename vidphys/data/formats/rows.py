@@ -16,6 +16,8 @@ from vidphys.data.formats.stamps import cleaned, moments, restarts, unrounded
 from vidphys.errors import InputError
 
 TURNS = 4 * np.pi
+RATES = (23.976, 24.0, 29.97, 30.0, 48.0, 59.94, 60.0, 119.88, 120.0, 239.76, 240.0)  # of films
+NEAR = 5e-4  # of one; two that are called alike are 1e-3 apart
 MILLISECONDS = (5, 2000)  # whole numbers that step by so many are no seconds
 EPOCHS = {"ns": (1e17, 1e-9), "µs": (1e14, 1e-6), "ms": (1e11, 1e-3)}  # since 1970, from so many on
 
@@ -191,7 +193,16 @@ def _numbers(table: Table, name: str) -> np.ndarray:
     try:
         return np.asarray(table[name], float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"column {name}: not numbers ({error})") from error
+        word = next(str(cell) for cell in table[name] if not _is_number(cell))
+        raise InputError(f"column {name}: not numbers ('{word[:40]}')") from error
+
+
+def _is_number(cell: object) -> bool:
+    try:
+        float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _clock(table: Table, columns: Columns, interval: float | None) -> Clock:
@@ -225,7 +236,13 @@ def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Cloc
     known = times[np.isfinite(times)]
     whole = len(known) > 1 and bool((known == np.round(known)).all())
     steps = np.diff(np.unique(known))
-    if not whole or not len(steps):
+    if not len(steps):
+        return Clock(times, True, name)
+    rate = _rate(1e3 / float(steps.mean()))
+    if rate:
+        said = f"{name}, taken for ms: its steps are those of {rate:g} frames a second"
+        return Clock(times * 1e-3, True, said)
+    if not whole:
         return Clock(times, True, name)
     step = float(np.median(steps))
     if interval is not None and step == 1:
@@ -236,6 +253,15 @@ def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Cloc
     if MILLISECONDS[0] <= step <= MILLISECONDS[1]:
         return Clock(times * 1e-3, True, f"{name}, whole numbers, taken for ms")
     return Clock(times, True, f"{name}, whole numbers, taken for s (frames? give `interval`)")
+
+
+def _rate(frames: float) -> float:
+    """The rate of films that this is near, of those whose frames last no whole milliseconds; or 0.
+
+    A clock in seconds has no steps like these.
+    """
+    near = [rate for rate in RATES if abs(frames / rate - 1) < NEAR]
+    return min(near, key=lambda rate: abs(frames - rate), default=0.0)
 
 
 def _clips(table: Table, columns: Columns, order: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -7,10 +7,13 @@ import numpy as np
 FEW = 0.125  # share of the rows at which times may begin anew
 ALIKE = 0.98  # correlation of an integrated rate with what it is the rate of
 SAME = 0.2  # by which its size may differ
+NUMBERS = "fiub"  # kinds of columns
 
 
 def rising(values: np.ndarray) -> bool:
-    """Whether numbers rise, but for a few restarts, and are never missing."""
+    """Whether numbers rise, but for a few restarts, and are never missing; words do not."""
+    if values.dtype.kind not in NUMBERS:
+        return False
     x = np.asarray(values, float)
     if len(x) < 3 or not np.isfinite(x).all():
         return False
@@ -19,7 +22,9 @@ def rising(values: np.ndarray) -> bool:
 
 
 def numbers_trials(values: np.ndarray) -> bool:
-    """Whether numbers are whole, and stay for many rows before they change."""
+    """Whether numbers are whole, and stay for many rows before they change; words are none."""
+    if values.dtype.kind not in NUMBERS:
+        return False
     x = np.asarray(values, float)
     if not np.isfinite(x).all() or not (x == np.round(x)).all():
         return False

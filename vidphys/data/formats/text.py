@@ -16,12 +16,13 @@ import numpy as np
 
 from vidphys.data.formats.bounded import LONGEST_NAME, MOST_COLUMNS, require_text
 from vidphys.data.formats.names import is_unit
-from vidphys.data.formats.wrapped import unwrapped
+from vidphys.data.formats.wrapped import semicolons, unwrapped
 from vidphys.errors import InputError
 
 COMMENTS = ("#", "%", "//")
 SYMBOL = re.compile(r"[^\W\d]\w{0,2}")  # such as x, y1 or θ2
 MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "?", "inf", "-inf"})
+MINUS = "\N{MINUS SIGN}"  # as it is printed
 SAMPLE = 200  # lines that the delimiter is told from
 LEAST = 0.5  # share of numbers in a row of data, or in a column of numbers
 
@@ -59,7 +60,7 @@ def number(cell: str) -> float | None:
     if cell.lower() in MISSING:
         return np.nan
     try:
-        return float(cell)
+        return float(cell.replace(MINUS, "-"))
     except ValueError:
         return None
 
@@ -121,6 +122,11 @@ def holds_numbers(path: Path) -> bool:
         return False
 
 
+def is_table(path: Path) -> bool:
+    """Whether a file, whatever it is called, is a text that looks like a table."""
+    return path.is_file() and holds_numbers(path)
+
+
 def _mostly_numbers(lines: Sequence[str]) -> bool:
     rows = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     dialect = _dialect(rows)
@@ -137,7 +143,7 @@ def read_sheet(lines: Iterable[str]) -> Sheet:
     lines = [line.rstrip("\r\n") for line in lines if line.strip(" ;,\t\r\n")]
     if lines and re.fullmatch(r"sep=.", lines[0].strip()):
         lines = lines[1:]
-    lines = unwrapped(lines)
+    lines = semicolons(unwrapped(lines))
     plain = [line for line in lines if not line.lstrip(' "').startswith(COMMENTS)]
     dialect = _dialect(plain)
     blocks = _blocks(lines, dialect)
@@ -263,7 +269,7 @@ def _named(
     candidates = spoken or list(above)
     heads = [_header_cells(line, dialect, width) for line in candidates]
     if not spoken:  # a comment names columns only if it has about as many words as there are
-        heads = [head for head in heads if head and len(head) <= width][-1:]
+        heads = [head for head in heads if width / 2 < len(head) <= width][-1:]
         words = [word for head in heads for word in head]
         if any(len(word) > 24 for word in words):
             heads = []
