@@ -169,6 +169,7 @@ def _least_squares(
     clips: Sequence[Frames], model: Model, guess: np.ndarray, scale: float, tries: int
 ) -> OptimizeResult | None:
     held, far = _held(model, len(guess), scale)
+    usual = model.slowness(clips, len(guess))
     along = [i for i, name in enumerate(model.law.names) if name.startswith("along")]
 
     def left(values: np.ndarray) -> np.ndarray:
@@ -178,7 +179,7 @@ def _least_squares(
         return np.concatenate([_missing(clips, model, values, scale), drawn_back, sped_up], -1)
 
     def slopes(values: np.ndarray) -> np.ndarray:
-        near = values + np.diag(NUDGE * np.maximum(np.abs(values), 1.0))
+        near = values + np.diag(NUDGE * np.maximum(np.abs(values), usual))
         first, *rest = left(np.concatenate([values[None], near]))
         return (np.array(rest) - first).T / (near - values).diagonal()
 

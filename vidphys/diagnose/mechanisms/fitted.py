@@ -38,6 +38,18 @@ class Model:
         shape = (*values.shape[:-1], clips, 2, self.law.coordinates)
         return values[..., :count], values[..., count:].reshape(shape)
 
+    def slowness(self, clips: Sequence[Frames], count: int) -> np.ndarray:
+        """What a usual size of each number is times, where frames are many seconds apart.
+
+        Args:
+            clips: that the model is fitted to.
+            count: of all numbers: those of the law, the starts of all clips, the charts'.
+        """
+        still = self.law.coordinates * [0]
+        powers = [*self.law.seconds, *([*still, *(p - 1 for p in still)] * len(clips))]
+        interval = float(np.median(np.concatenate([np.diff(clip.times) for clip in clips])))
+        return max(interval, 1.0) ** np.array([*powers, *(count - len(powers)) * [0]], float)
+
     def view(self, values: np.ndarray) -> np.ndarray | None:
         """How a camera sees the plane of motion, ``(…, 3)``; ``None`` where none does."""
         if not self.law.pictured:

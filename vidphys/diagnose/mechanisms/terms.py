@@ -19,6 +19,10 @@ RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
 COULOMB = 2.0  # the power of the distance, as of gravity
 OVER_TOP = 5.0  # times g over the length, the square of the rate of what goes over the top
 FORCING = ("forcing 1", "forcing 2", "forcing rate")  # with its cosine and its sine; radians/s
+# The powers of a second that numbers go with, by the first word of their names.
+SECONDS = dict.fromkeys(("linear", "turning", "lift", "nearing"), -1)
+SECONDS |= dict.fromkeys(("stiffness", "swing", "coupling", "strength"), -2)
+SECONDS |= dict.fromkeys(("force", "dry", "gain", "forcing"), -2)
 
 Numbers = Mapping[str, Any]  # by their names: floats of one law, or of many ``(b,)``
 
@@ -135,6 +139,14 @@ class Terms:
         names += ["spin"] if self.spins else []
         names += view.NAMES if self.pictured else []
         return tuple(names)
+
+    @property
+    def seconds(self) -> tuple[int, ...]:
+        """The powers of a second that its numbers go with."""
+        return tuple(
+            -1 if name == FORCING[-1] else SECONDS.get(name.partition(" ")[0], 0)
+            for name in self.names
+        )
 
     @property
     def forces(self) -> tuple[str, ...]:

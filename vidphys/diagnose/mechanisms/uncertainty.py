@@ -246,6 +246,7 @@ def slopes_of(
 ) -> list[np.ndarray]:
     """Derivatives of the told places by every number, of each residual ``(f, d, p)``."""
     sizes = np.array([1e-3 * _size(model, i, scale) for i in range(len(joint))])
+    sizes *= model.slowness(clips, len(joint))
     nudges = NUDGE * np.maximum(np.abs(joint), sizes)
     ends = np.concatenate([joint[None], joint + np.diag(nudges), joint - np.diag(nudges)])
     pairs = (np.split(x[1:], 2) for x in _missed(clips, model, ends))
