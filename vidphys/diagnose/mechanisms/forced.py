@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from vidphys.diagnose.mechanisms.charts import Angle, Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
@@ -16,7 +17,7 @@ from vidphys.diagnose.mechanisms.terms import FORCING
 
 FINER = 4  # trial rates in the width of a line of the spectrum
 FASTEST = 0.25  # of the rate at which frames come
-BEST = 2  # trial rates with which fits begin
+BEST = 3  # trial rates with which fits begin
 AT_ONCE = 256  # trial rates
 RIDGE = 1e-9  # a rate at which what swings does so by itself leaves nothing to project on
 VAGUE = 0.1  # of the forcing: a standard error from which it is not told
@@ -48,9 +49,8 @@ def _begun(seen: Local, angles: bool) -> Iterator[np.ndarray]:
     s, v, a = (x[:, 0] for x in (seen.s, seen.v, seen.a))
     one = np.ones_like(s)
     design = np.column_stack([-np.sin(s), np.cos(s), -v] if angles else [-s, one, -v])
-    rates = _rates(seen.times)
-    for rate in rates[np.argsort(_left(design, a, seen.times, rates))[:BEST]]:
-        waves = _waves(seen.times, rate[None])[..., 0]
+    for rate in _likely(design, a, seen.times):
+        waves = _waves(seen.times, np.array([rate]))[..., 0]
         found = np.linalg.lstsq(np.column_stack([design, *waves]), a, rcond=None)[0]
         place, speed = start_of(seen)
         if angles:
@@ -58,6 +58,28 @@ def _begun(seen: Local, angles: bool) -> Iterator[np.ndarray]:
             found = np.concatenate([[np.hypot(*found[:2])], found[2:]])
             place -= rest
         yield np.array([*found, rate, place, speed])
+
+
+def _likely(design: np.ndarray, a: np.ndarray, times: np.ndarray) -> list[float]:
+    """Rates that leave less than those beside them, the least first.
+
+    A body that swings by itself for long seems to be driven by that, and to swing by what drives
+    it: two rates far apart, of which the right one need not leave least at a trial rate near it.
+    """
+    rates = _rates(times)
+    left = _left(design, a, times, rates)
+    beside = np.pad(left, 1, constant_values=np.inf)
+    low = np.flatnonzero((left <= beside[:-2]) & (left <= beside[2:]))
+    found = []
+    for k in low[np.argsort(left[low], kind="stable")[:BEST]]:
+        ends = rates[max(k - 1, 0)], rates[min(k + 1, len(rates) - 1)]
+        best = minimize_scalar(
+            lambda rate: float(_left(design, a, times, np.array([rate]))[0]),
+            bounds=ends,
+            method="bounded",
+        )
+        found.append((float(best.fun), float(best.x)))
+    return [rate for _, rate in sorted(found)]
 
 
 def _rates(times: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ class Law(Terms):
             most,
             apart=self.apart,
             rods=_rows(count, numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
-            pushed=self._pushed(numbers, inputs, times),
+            pushed=self._pushed(numbers, inputs, times, most),
             centre=self._centre(numbers, count),
             hung=np.array(self.hung),
             lift=_rows(count, numbers.get("lift", 0.0), self.lift_fades or 0.0),
@@ -127,7 +127,7 @@ class Law(Terms):
         return force, stiffness, swing, _rows(count, *(numbers.get(name, 0.0) for name in RATES))
 
     def _pushed(
-        self, numbers: Numbers, inputs: Signal | None, times: np.ndarray
+        self, numbers: Numbers, inputs: Signal | None, times: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Times ``(t,)``, and accelerations by what is known, or by a sinusoid, ``(b, t, k)``."""
         if self.forced:
@@ -135,7 +135,11 @@ class Law(Terms):
             lasts = times[-1] - times[0]
             count = int(np.fmin(abs(rate).max() * lasts / STRAIGHT, MOST_POINTS)) + 2
             when = np.linspace(times[0], times[-1], count)
-            return when, (along * np.cos(rate * when) + across * np.sin(rate * when))[..., None]
+            wave = along * np.cos(rate * when) + across * np.sin(rate * when)
+            # lines between points of a wave, and within each step, follow a smaller wave
+            lines = (lasts / (count - 1), step)
+            smaller = np.prod([np.sinc(rate * line / (2 * np.pi)) ** 2 for line in lines], axis=0)
+            return when, (wave / smaller)[..., None]
         if not self.inputs or inputs is None:
             return None
         gains = np.array([numbers[f"gain {i + 1}"] for i in range(self.inputs)])
