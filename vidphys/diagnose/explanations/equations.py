@@ -25,7 +25,7 @@ LETTERS = {  # of numbers by their names, without the number of a body or of a d
     "acceleration": "g",
     "rest length": "ℓ₀",
     "length": "ℓ",
-    "acceleration where it turns most": "a",
+    "acceleration at the nearest distance": "a",
     "nearest distance": "d",
     "power of the distance": "n",
     "turning": "Ω",

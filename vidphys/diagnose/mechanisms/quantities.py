@@ -193,7 +193,7 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         )
         yield "rate of what drives it", number(FORCING[-1]), 0, -1
     if law.restoring == "centre":
-        yield "acceleration where it turns most", number("strength"), 1, -2
+        yield "acceleration at the nearest distance", lambda v, _: _at_nearest(fit, v), 1, -2
         yield (
             "power of the distance",
             lambda values, _: COULOMB + float(values[at["steeper"]]),
@@ -217,6 +217,13 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         yield "length", lambda _, geometry: chart.length(geometry[0]), 1, 0
     if isinstance(chart, Turned):
         yield "degrees from x to direction 1", lambda _, geometry: chart.degrees(geometry[0]), 0, 0
+
+
+def _at_nearest(fit: Fit, values: np.ndarray) -> float:
+    """What a fixed place does to a body at the nearest distance; below 0 where it pulls."""
+    law, numbers = fit.model.law, dict(zip(fit.model.law.names, values, strict=False))
+    nearer = law.near(numbers) / nearest(replace(fit, values=values))
+    return float(numbers["strength"] * nearer ** law.power(numbers))
 
 
 def _of_springs(law: Law) -> Iterator[tuple[str, Joint, int, int]]:
