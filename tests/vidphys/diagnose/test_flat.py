@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT
 from vidphys.diagnose.recordings.flat import in_its_plane
+from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 
 STEP = 0.04
@@ -48,6 +49,23 @@ def test_a_pendulum_measured_in_space_is_no_stiff_spring():
 def test_a_nearly_round_orbit_is_no_pendulum_that_goes_over_the_top():
     given = answer(noisy(orbit([0, 1.03]), 0.001), False, 0.3)
     assert given.data["terms"] == ["centre"] and given.data["status"] == EXPLAINED
+
+
+def test_riders_that_collide_on_a_track_in_space_are_told_along_it():
+    times, hit = np.arange(180) * 0.002, 0.18
+    since = np.maximum(times - hit, 0)
+    along = np.stack([127 - 2 * times - 77 * since, 171 - 125 * times + 79 * since], 1)
+    wobble = np.exp(-since / 0.05) * np.sin(150 * since) * (since > 0)
+    path = along[..., None] * [0.995, 0.104, 0.0] + [0.0, 450.0, 398.0]
+    path[..., 2] += 0.8 * wobble[:, None]
+    noise = 0.03 * np.random.default_rng(2).normal(size=path.shape)
+    given = answer(motion_of((path + noise)[None], 0.002), False, 0.3)
+    assert given.data["terms"] == ["collision"] and given.data["status"] == EXPLAINED
+    told = given.data["mechanism"][0]["quantities"]["mass ratio"]
+    assert told["value"] == pytest.approx(77 / 79, abs=3 * told["standard_error"])
+    (axis,) = given.specification["plane"]
+    assert given.data["plane"] == {"x": axis} and axis == pytest.approx([0.995, 0.104, 0], abs=0.01)
+    assert "on a line" in given.lines[-1]
 
 
 def test_what_leaves_every_plane_keeps_its_three_coordinates():

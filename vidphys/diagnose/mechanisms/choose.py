@@ -91,11 +91,14 @@ def fits_of(
     if not bases:
         return []
     best = max(base.score for base in bases)
+    # Where no base is the law, what tells between them is not which of them comes nearest.
+    open_ = not camera and not any(map(_tells_all, bases))
     found = []
     for base in bases:
         law = base.model.law
         varied = law.friction == "linear" and law.lift_fades is None  # lifts come with each
-        if varied and base.score > best - FAR and _pulls_back(base):
+        near = base.score > best - FAR or (open_ and base.holds)
+        if varied and near and _pulls_back(base):
             started = pictured(clips, base) if camera else base
             found += [started, *_variants(clips, started, camera)]
         elif law.friction == "dry" and camera:
@@ -121,7 +124,7 @@ def _rarer(
     others: list[Fit] = []
     if not angles and not holds:
         others += [x for x in elliptic(clips) if makes_sense(x)]
-    if alone and not holds:
+    if alone and not any(map(_holds if camera else _follows, best)):
         others += [x for x in forced(clips, angles) if makes_sense(x)]
     round_it = any(map(_goes_round, best))  # or goes round on an orbit
     if not angles and (round_it or (best and not all_told and not any(map(told, others)))):

@@ -1,4 +1,4 @@
-"""Motion in space that stays in a plane, as that of a planet: its places in that plane."""
+"""Motion in space that stays in a plane, as a planet's, or on a line: its places in that plane."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def in_its_plane(motion: Motion) -> tuple[Motion, np.ndarray] | None:
     Returns:
         ``None`` where the bodies do not stay in one plane of space, or on a line.
     """
-    if motion.space != SPACE:
+    shape = _shape(motion)
+    if shape is None:
         return None
-    places = motion.positions[motion.seen]
-    extents, axes = np.linalg.svd(places - places.mean(0), full_matrices=False)[1:]
+    extents, axes = shape
     if extents[2] > min(THIN * extents[0], PLAIN * extents[1]):
         return None
     normal = axes[2] * (1.0 if axes[2, 2] >= 0 else -1.0)
@@ -42,8 +42,30 @@ def in_its_plane(motion: Motion) -> tuple[Motion, np.ndarray] | None:
     return laid(motion, both), both
 
 
+def on_its_line(motion: Motion) -> tuple[Motion, np.ndarray] | None:
+    """Motion along a line of space, as of riders on a track, by one coordinate along it ``(1, 3)``.
+
+    Returns:
+        As :func:`in_its_plane`; ``None`` where the bodies leave the line.
+    """
+    shape = _shape(motion)
+    if shape is None or shape[0][1] > THIN * shape[0][0]:
+        return None
+    along = shape[1][:1] * np.sign(shape[1][0, np.abs(shape[1][0]).argmax()])
+    return laid(motion, along), along
+
+
+def _shape(motion: Motion) -> tuple[np.ndarray, np.ndarray] | None:
+    """How far all places reach along the axes of their own, and these; ``None`` in a plane."""
+    if motion.space != SPACE:
+        return None
+    places = motion.positions[motion.seen]
+    extents, axes = np.linalg.svd(places - places.mean(0), full_matrices=False)[1:]
+    return extents, axes
+
+
 def laid(motion: Motion, axes: ArrayLike | None) -> Motion:
-    """The same motion by its coordinates along the axes of a plane of space ``(2, 3)``.
+    """The same motion by its coordinates along the axes of a plane or line of space ``(d, 3)``.
 
     What is not in space stays as it is, and so does everything where there is no plane.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
 from vidphys.diagnose.explanations.part import understood_part
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, RANK
-from vidphys.diagnose.recordings.flat import in_its_plane
+from vidphys.diagnose.recordings.exact import as_measured
+from vidphys.diagnose.recordings.flat import in_its_plane, on_its_line
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
@@ -44,7 +46,8 @@ def answer(
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
     Motion in space that stays in a plane is told in that plane where it swings on an arc there, or
-    where it is not explained in space, nor less so in the plane.
+    where it is not explained in space, nor less so in the plane; on a line, by its way along it,
+    where that explains it better.
     Of several trials a tail is held out of each; the longest one is rolled on, and drawn.
 
     Args:
@@ -60,30 +63,54 @@ def answer(
     Raises:
         ValueError: a recording that is too short.
     """
-    about = (angles, hold_out, points, camera, units, used, progress)
-    flat = in_its_plane(motion)
+    motion, added = as_measured(motion)
+    told = _told(motion, angles, hold_out, points, camera, units, used, progress)
+    if added:
+        told.data["noise_added"] = added
+        told.lines.append(
+            "These places are exact, as a simulation's are; they were asked with noise of "
+            f"{told.told_in.length(added)}, as a fine instrument has."
+        )
+    return told
+
+
+def _told(motion: Motion, *about: Any) -> Answered:
+    """In space, or by fewer coordinates; see :func:`answer`."""
+    flat, line = in_its_plane(motion), on_its_line(motion)
     if flat is None:
-        return _answer(motion, *about)
-    inside, (x, y) = flat
-    told = _answer(inside, *about)
+        given = _answer(motion, *about)
+        if line is None or given.data["status"] == EXPLAINED:
+            return given
+        told = _answer(line[0], *about)
+        return _laid(told, line[1]) if _rank(told) > _rank(given) else given
+    told = _answer(flat[0], *about)
     if told.data["status"] == NOT:
         return _answer(motion, *about)
     if not ARCS & set(told.data["terms"]):
         given = _answer(motion, *about)
-        ranks = [RANK.index(each.data["status"]) for each in (told, given)]
-        if given.data["status"] == EXPLAINED or ranks[0] < ranks[1]:
+        if given.data["status"] == EXPLAINED or _rank(given) > _rank(told):
             return given
-    told.data["plane"] = {"x": x.tolist(), "y": y.tolist()}
+    return _laid(told, flat[1])
+
+
+def _rank(told: Answered) -> int:
+    """How well the motion is explained; 0: not."""
+    return RANK.index(told.data["status"])
+
+
+def _laid(told: Answered, axes: np.ndarray) -> Answered:
+    """An answer by coordinates along these axes of space, which says so."""
+    named = dict(zip("xy", axes.tolist(), strict=False))
+    told.data["plane"] = named
     if told.specification is not None:
-        told = replace(told, specification=told.specification | {"plane": [x.tolist(), y.tolist()]})
-    told.lines.append(
-        f"The motion stays in a plane, and is told in it: x along {_direction(x)}, y along "
-        f"{_direction(y)}."
-    )
+        told = replace(told, specification=told.specification | {"plane": axes.tolist()})
+    where = "on a line" if len(axes) == 1 else "in a plane"
+    said = ", ".join(f"{name} along {_direction(axis)}" for name, axis in named.items())
+    told.lines.append(f"The motion stays {where}, and is told in it: {said}.")
     return told
 
 
-def _direction(axis: np.ndarray) -> str:
+def _direction(axis: Sequence[float]) -> str:
     return f"({', '.join(f'{part:.3f}' for part in axis)})"
 
 
