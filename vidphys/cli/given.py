@@ -62,7 +62,7 @@ def load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames 
 
     if is_clip(config.input):
         from vidphys.data.video import ClipSelection
-        from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+        from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
         from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)

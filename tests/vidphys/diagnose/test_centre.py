@@ -8,10 +8,10 @@ from scipy.integrate import solve_ivp
 
 from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
-from vidphys.diagnose.mechanisms.centre import centred
 from vidphys.diagnose.mechanisms.choose import fits_of
 from vidphys.diagnose.mechanisms.frames import frames_of
-from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.mechanisms.kernels.motion import rolled
+from vidphys.diagnose.mechanisms.starts.centre import centred
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 

@@ -5,11 +5,11 @@ import pytest
 import torch
 
 from dynamics import Parameters, PhaseState, build, from_config, rollout
-from vidphys.diagnose.mechanisms.colliding_kernel import rolled
-from vidphys.diagnose.mechanisms.collisions import colliding
 from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.impacts.collisions import colliding
+from vidphys.diagnose.mechanisms.impacts.meetings import meetings_of
+from vidphys.diagnose.mechanisms.kernels.colliding import rolled
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
-from vidphys.diagnose.mechanisms.meetings import meetings_of
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.parted import parted

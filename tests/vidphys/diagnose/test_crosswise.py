@@ -8,7 +8,7 @@ from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
-from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.mechanisms.kernels.motion import rolled
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.answers import answer
 

@@ -9,7 +9,7 @@ from tests.vidphys.diagnose.test_mechanisms import noisy, swing
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.curve import curve_through
-from vidphys.diagnose.mechanisms.sliding_kernel import slid
+from vidphys.diagnose.mechanisms.kernels.sliding import slid
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.answers import answer
 

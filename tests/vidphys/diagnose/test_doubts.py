@@ -14,7 +14,7 @@ from vidphys.diagnose.explanations.doubts import (
     doubts,
 )
 from vidphys.diagnose.explanations.rivals import rivals, undecided
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import motion_of
 

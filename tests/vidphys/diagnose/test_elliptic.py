@@ -7,9 +7,9 @@ import pytest
 
 from tests.vidphys.diagnose.modelled import modelled
 from vidphys.diagnose.mechanisms.choose import fits_of
-from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.starts.elliptic import elliptic
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 

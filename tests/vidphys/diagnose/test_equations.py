@@ -20,7 +20,7 @@ from vidphys.diagnose.inference.menu import (
     together,
 )
 from vidphys.diagnose.mechanisms.charts import Angle, Line, Plane, Turned
-from vidphys.diagnose.mechanisms.colliding import Colliding
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.terms import Wall
 

@@ -19,8 +19,8 @@ from vidphys.diagnose.inference.linearised import sure_modes
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, pair_term
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.mechanisms.impacts.strikes import strikes
 from vidphys.diagnose.mechanisms.quantities import Quantity
-from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.answers import answer

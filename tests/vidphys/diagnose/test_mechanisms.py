@@ -12,20 +12,22 @@ from scipy.stats import multivariate_normal
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.verdict import EXPLAINED
-from vidphys.diagnose.mechanisms import bodies, let_go, mechanism, view
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms import mechanism, view
+from vidphys.diagnose.mechanisms.bodies import lawful as bodies
+from vidphys.diagnose.mechanisms.bodies import let_go
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.let_go import released
 from vidphys.diagnose.mechanisms.chain import linked
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
-from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
+from vidphys.diagnose.mechanisms.impacts.kinks import find_impacts, walls_of
+from vidphys.diagnose.mechanisms.kernels.motion import rolled
 from vidphys.diagnose.mechanisms.law import Law
-from vidphys.diagnose.mechanisms.let_go import released
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, Shapes
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism, meeting
-from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import Rods, rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vidphys.diagnose.mechanisms.frames import frames_of
-from vidphys.diagnose.mechanisms.orbits import orbiting
+from vidphys.diagnose.mechanisms.starts.orbits import orbiting
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.vidphys.diagnose.test_mechanisms import noisy
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
-from vidphys.diagnose.mechanisms.passers import passes_by
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.passers import passes_by
 
 TIMES = np.arange(120) / 30
 ALONG = 0.4 * TIMES - 0.8

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
 from vidphys.diagnose.mechanisms import mechanism
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful, lawful_from
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.parted import parted

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.vidphys.diagnose.test_mechanisms import noisy
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
 
 TIMES = np.arange(120) / 30
 

@@ -6,7 +6,7 @@ import pytest
 from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy, swing
 from vidphys.diagnose.explanations.verdict import EXPLAINED
-from vidphys.diagnose.mechanisms.string_kernel import swung
+from vidphys.diagnose.mechanisms.kernels.string import swung
 from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.filmed.laws.law import GRAVITY
 from vidphys.experiments.recorded.curves import SLACK

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations.verdict import EXPLAINED
-from vidphys.diagnose.mechanisms.string_kernel import swung
+from vidphys.diagnose.mechanisms.kernels.string import swung
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.filmed.laws.law import GRAVITY

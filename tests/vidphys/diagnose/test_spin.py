@@ -9,10 +9,10 @@ import pytest
 
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms.choose import makes_sense
+from vidphys.diagnose.mechanisms.kernels.motion import rolled
+from vidphys.diagnose.mechanisms.kernels.walls import SOLID
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
-from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
-from vidphys.diagnose.mechanisms.walls_kernel import SOLID
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units
 

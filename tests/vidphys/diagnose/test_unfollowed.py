@@ -7,8 +7,8 @@ from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.frames import frames_of
-from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
+from vidphys.diagnose.mechanisms.starts.guesses import guesses
 from vidphys.diagnose.mechanisms.unfollowed import alike_every_time, own_swing
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units

@@ -15,8 +15,8 @@ from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.standing import ODD, Standing, beside, status_of
 from vidphys.diagnose.explanations.together import between_all, together
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK
+from vidphys.diagnose.mechanisms.impacts.strikes import strikes
 from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
-from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.pushes import collisions_of
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding
+from vidphys.diagnose.mechanisms.impacts.pushes import collisions_of
 from vidphys.statistics import NORMAL_95
 
 

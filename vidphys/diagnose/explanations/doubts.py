@@ -7,11 +7,11 @@ import numpy as np
 from vidphys.diagnose.explanations.law_words import SHORT
 from vidphys.diagnose.explanations.verdict import ALL
 from vidphys.diagnose.mechanisms.charts import Chart, Line
-from vidphys.diagnose.mechanisms.curved import once
-from vidphys.diagnose.mechanisms.elastic import stretches
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.mechanisms.starts.curved import once
+from vidphys.diagnose.mechanisms.starts.elastic import stretches
 from vidphys.diagnose.recordings.units import GRAVITY
 
 NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least

@@ -12,8 +12,8 @@ import numpy as np
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR, Term
 from vidphys.diagnose.mechanisms.charts import Turned
-from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding
 from vidphys.diagnose.mechanisms.law import Law
 
 LETTERS = {  # of numbers by their names, without the number of a body or of a direction

@@ -10,7 +10,7 @@ import numpy as np
 from vidphys.diagnose.explanations.choice import Understood, understand
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.verdict import ALL, AVERAGED, NOT
-from vidphys.diagnose.mechanisms.impacts import impact_between
+from vidphys.diagnose.mechanisms.impacts.kinks import impact_between
 from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, first_lawful
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.units import Units

@@ -11,8 +11,8 @@ from dynamics import terms
 from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Bound, Chart, Line, Turned
-from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.mechanisms.terms import FORCING

@@ -8,24 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
-from vidphys.diagnose.mechanisms.crosswise import crosswise
-from vidphys.diagnose.mechanisms.curved import curved
-from vidphys.diagnose.mechanisms.elastic import elastic, stretches
-from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
-from vidphys.diagnose.mechanisms.forced import forced
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import guesses
-from vidphys.diagnose.mechanisms.lift import lifted
+from vidphys.diagnose.mechanisms.impacts.slack import slack
+from vidphys.diagnose.mechanisms.impacts.spin import spun
+from vidphys.diagnose.mechanisms.impacts.walled import walled
 from vidphys.diagnose.mechanisms.rubbed import rubbed
-from vidphys.diagnose.mechanisms.slack import slack
-from vidphys.diagnose.mechanisms.spherical import spherical
-from vidphys.diagnose.mechanisms.spin import spun
+from vidphys.diagnose.mechanisms.starts.centre import centred, told
+from vidphys.diagnose.mechanisms.starts.crosswise import crosswise
+from vidphys.diagnose.mechanisms.starts.curved import curved
+from vidphys.diagnose.mechanisms.starts.elastic import elastic, stretches
+from vidphys.diagnose.mechanisms.starts.elliptic import elliptic
+from vidphys.diagnose.mechanisms.starts.forced import forced
+from vidphys.diagnose.mechanisms.starts.guesses import guesses
+from vidphys.diagnose.mechanisms.starts.lift import lifted
+from vidphys.diagnose.mechanisms.starts.spherical import spherical
 from vidphys.diagnose.mechanisms.terms import FRICTIONS
-from vidphys.diagnose.mechanisms.walled import walled
 
 FAR = 100.0  # of log likelihood: a base that is so much worse than the best has no friction tried
 LIKELIER = (

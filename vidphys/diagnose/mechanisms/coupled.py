@@ -13,8 +13,8 @@ from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
 from vidphys.diagnose.mechanisms.fit import fit, race, without_friction
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import guesses
 from vidphys.statistics import NORMAL_95
 
 # of log likelihood after its price, by which one law must beat a law for each, and what pushes

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts
+from vidphys.diagnose.mechanisms.impacts.kinks import Impact, find_impacts
 from vidphys.diagnose.mechanisms.measurement import Stretch
 from vidphys.diagnose.recordings.inputs import Signal
 from vidphys.diagnose.recordings.motion import Motion

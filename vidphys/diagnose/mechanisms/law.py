@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.motion_kernel import rolled
-from vidphys.diagnose.mechanisms.sliding_kernel import slid
-from vidphys.diagnose.mechanisms.string_kernel import swung
+from vidphys.diagnose.mechanisms.kernels.motion import rolled
+from vidphys.diagnose.mechanisms.kernels.sliding import slid
+from vidphys.diagnose.mechanisms.kernels.string import swung
 from vidphys.diagnose.mechanisms.terms import FORCING, RATES, Numbers, Terms
 from vidphys.diagnose.recordings.inputs import Signal
 

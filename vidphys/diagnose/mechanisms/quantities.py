@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.centre import nearest
 from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.mechanisms.starts.centre import nearest
 from vidphys.diagnose.mechanisms.terms import COULOMB, FORCING
 from vidphys.diagnose.recordings.units import Ends
 from vidphys.statistics import NORMAL_95

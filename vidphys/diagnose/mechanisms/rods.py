@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.chain import chained
 from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.guesses import circle_through
+from vidphys.diagnose.mechanisms.starts.guesses import circle_through
 from vidphys.diagnose.recordings.motion import Motion
 
 STIFF = 0.1  # of its length, by which a rod's length may vary

@@ -12,7 +12,7 @@ import numpy as np
 
 from binders.motion import MotionBinder
 from vidphys.data.video import ClipSelection
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
 from vidphys.diagnose.mechanisms.quantities import VAGUE
 from vidphys.diagnose.recordings.clips import follow_clip
 from vidphys.diagnose.recordings.units import known_between

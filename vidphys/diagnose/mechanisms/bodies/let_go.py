@@ -6,8 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.choose import roughly
-from vidphys.diagnose.mechanisms.extents import (
+from vidphys.diagnose.mechanisms.bodies.extents import (
     LITTLE,
     RELEASED,
     RESTS,
@@ -19,6 +18,7 @@ from vidphys.diagnose.mechanisms.extents import (
     spread,
     stays_on,
 )
+from vidphys.diagnose.mechanisms.choose import roughly
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.mechanism import lawful_from, thinned

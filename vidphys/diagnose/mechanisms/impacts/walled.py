@@ -9,8 +9,8 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Guess
-from vidphys.diagnose.mechanisms.impacts import Struck, seen_as, walls_of
+from vidphys.diagnose.mechanisms.impacts.kinks import Struck, seen_as, walls_of
+from vidphys.diagnose.mechanisms.starts.guesses import Guess
 from vidphys.diagnose.mechanisms.terms import Wall
 
 MOST = 2  # walls

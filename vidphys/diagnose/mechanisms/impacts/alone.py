@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts, seen_as, walls_of
-from vidphys.diagnose.mechanisms.meetings import Meeting
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding
+from vidphys.diagnose.mechanisms.impacts.kinks import Impact, find_impacts, seen_as, walls_of
+from vidphys.diagnose.mechanisms.impacts.meetings import Meeting
 from vidphys.diagnose.mechanisms.terms import Wall
 
 MOST = 3  # walls

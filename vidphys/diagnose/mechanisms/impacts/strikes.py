@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts
+from vidphys.diagnose.mechanisms.impacts.kinks import Impact, find_impacts
 from vidphys.diagnose.recordings.motion import Motion
 
 MEETING = 2.0  # sides of a kink, within which another body that comes nearest may have struck

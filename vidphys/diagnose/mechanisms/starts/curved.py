@@ -12,8 +12,8 @@ from vidphys.diagnose.mechanisms.curve import Curve, curve_through
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import Local, halves, joined, seen_in, start_of
 
 FLAT = 2  # dimensions of the plane
 BENT = 0.3  # radians from end to end, below which a curve is a line

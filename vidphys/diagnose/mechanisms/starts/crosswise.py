@@ -12,8 +12,8 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import Local, halves, joined, seen_in, start_of
 
 SPACES = (2, 3)  # dimensions in which a way can be turned
 VAGUE = 0.1  # of the turning: a standard error from which it is not told

@@ -10,8 +10,8 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import halves, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import halves, seen_in, start_of
 
 FRICTIONS = ("none", "linear", "square")  # of the air
 FLAT = 2  # dimensions of the plane

@@ -11,8 +11,8 @@ from vidphys.diagnose.mechanisms.charts import Angle, Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, local, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import Local, halves, local, start_of
 from vidphys.diagnose.mechanisms.terms import FORCING
 
 FINER = 4  # trial rates in the width of a line of the spectrum

@@ -11,8 +11,15 @@ from vidphys.diagnose.mechanisms.charts import Turned
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, frequency, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import (
+    Local,
+    frequency,
+    halves,
+    joined,
+    seen_in,
+    start_of,
+)
 
 FLAT = 2  # dimensions of the plane
 TWICE = 0.05  # of 2: within it the rates of both ways are those of a body on an arc

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.alone import walled_apart
 from vidphys.diagnose.mechanisms.charts import Chart, Line, Plane
 from vidphys.diagnose.mechanisms.choose import LIKELIER
-from vidphys.diagnose.mechanisms.colliding import Colliding, Contact
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import THIN
-from vidphys.diagnose.mechanisms.impacts import find_impacts
+from vidphys.diagnose.mechanisms.impacts.alone import walled_apart
+from vidphys.diagnose.mechanisms.impacts.colliding import Colliding, Contact
+from vidphys.diagnose.mechanisms.impacts.kinks import find_impacts
+from vidphys.diagnose.mechanisms.impacts.meetings import Meeting, meetings_of
+from vidphys.diagnose.mechanisms.impacts.pushes import collisions_of, lasts, weighed, weighed_slopes
 from vidphys.diagnose.mechanisms.measurement import Stretch
-from vidphys.diagnose.mechanisms.meetings import Meeting, meetings_of
-from vidphys.diagnose.mechanisms.pushes import collisions_of, lasts, weighed, weighed_slopes
+from vidphys.diagnose.mechanisms.starts.guesses import THIN
 
 CURVED = 8  # frames before a meeting, from which a path's bend is read too
 REACHES = (1.0, 0.9, 0.8, 1.1, 1.2)  # of the distance at the kink, at which bodies may meet

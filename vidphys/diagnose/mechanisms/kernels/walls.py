@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from loops import uncounted
-from vidphys.diagnose.mechanisms.forces_kernel import step
+from vidphys.diagnose.mechanisms.kernels.forces import step
 
 MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of the step, exact so
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius

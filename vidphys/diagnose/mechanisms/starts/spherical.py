@@ -12,8 +12,8 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import halves, joined, seen_in, start_of
 
 SPACE = 3
 # extents of the path, by which a string hangs from beside it: all are as near to a shallow one

@@ -10,8 +10,14 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import circle_through, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import (
+    circle_through,
+    halves,
+    joined,
+    seen_in,
+    start_of,
+)
 
 FLAT = 2  # dimensions of the plane
 TRIED = 600  # circles through three places

@@ -28,8 +28,8 @@ import numpy as np
 from jaxtyping import Float
 
 from loops import kernel, uncounted
-from vidphys.diagnose.mechanisms.forces_kernel import holds, step
-from vidphys.diagnose.mechanisms.walls_kernel import (
+from vidphys.diagnose.mechanisms.kernels.forces import holds, step
+from vidphys.diagnose.mechanisms.kernels.walls import (
     beyond,
     meets,
     pressed,

@@ -10,7 +10,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.walls_kernel import SOLID
+from vidphys.diagnose.mechanisms.kernels.walls import SOLID
 
 GRIPS = (0.0, 0.6)  # tangential restitutions that a fit begins with, beside what impacts tell
 MOST_GRIP = 0.9

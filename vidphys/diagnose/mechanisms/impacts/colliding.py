@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.colliding_kernel import rolled
+from vidphys.diagnose.mechanisms.kernels.colliding import rolled
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.terms import RATES
 from vidphys.diagnose.recordings.inputs import Signal

@@ -11,8 +11,8 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import HALVES, Local, local
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import HALVES, Local, local
 from vidphys.diagnose.mechanisms.terms import COULOMB
 
 STEEPER = (0.0, 2.0)  # than Coulomb's law, that fits begin with; the second is of two dipoles

@@ -6,14 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.centre import FLAT, aimed_at, lossy, start_of, strength_of, told
 from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import HALVES, joined, local
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.centre import (
+    FLAT,
+    aimed_at,
+    lossy,
+    start_of,
+    strength_of,
+    told,
+)
+from vidphys.diagnose.mechanisms.starts.guesses import HALVES, joined, local
 from vidphys.diagnose.mechanisms.terms import COULOMB
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES
 

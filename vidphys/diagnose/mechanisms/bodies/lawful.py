@@ -7,10 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.chain import linked
-from vidphys.diagnose.mechanisms.choose import pictured, roughly
-from vidphys.diagnose.mechanisms.coupled import coupled
-from vidphys.diagnose.mechanisms.extents import (
+from vidphys.diagnose.mechanisms.bodies.extents import (
     LITTLE,
     not_at_rest,
     seen_enough,
@@ -19,13 +16,16 @@ from vidphys.diagnose.mechanisms.extents import (
     stay,
     stays_on,
 )
+from vidphys.diagnose.mechanisms.bodies.let_go import MOST_TRIED, lawful_later, released
+from vidphys.diagnose.mechanisms.bodies.passers import passes_by, turns_back
+from vidphys.diagnose.mechanisms.bodies.shadows import goes_with, without_shadows
+from vidphys.diagnose.mechanisms.chain import linked
+from vidphys.diagnose.mechanisms.choose import pictured, roughly
+from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.let_go import MOST_TRIED, lawful_later, released
 from vidphys.diagnose.mechanisms.mechanism import meeting, thinned
-from vidphys.diagnose.mechanisms.passers import passes_by, turns_back
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
-from vidphys.diagnose.mechanisms.shadows import goes_with, without_shadows
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.parted import parted
 

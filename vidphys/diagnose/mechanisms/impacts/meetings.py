@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.impacts import SIDES, WITHIN, Kinks, between_turns, kinks_of
+from vidphys.diagnose.mechanisms.impacts.kinks import SIDES, WITHIN, Kinks, between_turns, kinks_of
 
 COARSER, SIDES_OF_COARSER = (2, 4, 8, 16), (14, 20)  # frames that are averaged; sides of those
 SPREAD = 35.0  # standard error of a change, where side, frame interval and noise are 1

@@ -12,8 +12,8 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, local, start_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.starts.guesses import Local, halves, local, start_of
 
 SPACES = (2, 3)  # dimensions in which it swings and stretches
 AROUND = np.linspace(-3.0, 3.0, 7)  # extents of the path, in which the fixed place is sought

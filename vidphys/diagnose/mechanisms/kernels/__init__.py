@@ -1,0 +1,1 @@
+"""Laws rolled step by step in loops that numba compiles."""

@@ -1,0 +1,1 @@
+"""Where fits begin: which laws are worth a try, and from what numbers."""
