@@ -21,6 +21,7 @@ from vidphys.errors import InputError
 
 COMMENTS = ("#", "%", "//")
 SYMBOL = re.compile(r"[^\W\d]\w{0,2}")  # such as x, y1 or θ2
+SETTING = re.compile(r":\s*[-+]?\d")  # a name and its value, which name no column
 MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "?", "inf", "-inf"})
 MINUS = "\N{MINUS SIGN}"  # as it is printed
 SAMPLE = 200  # lines that the delimiter is told from
@@ -269,9 +270,9 @@ def _named(
     candidates = spoken or list(above)
     heads = [_header_cells(line, dialect, width) for line in candidates]
     if not spoken:  # a comment names columns only if it has about as many words as there are
-        heads = [head for head in heads if width / 2 < len(head) <= width][-1:]
+        heads = [head for head in heads if head and len(head) <= width][-1:]
         words = [word for head in heads for word in head]
-        if any(len(word) > 24 for word in words):
+        if any(len(word) > 24 or SETTING.search(word) for word in words):
             heads = []
     if not heads:
         return (), ()
