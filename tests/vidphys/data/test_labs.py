@@ -73,6 +73,15 @@ def test_words_may_lack_their_accents(word) -> None:
     assert meaning_of("Höhe").axis == meaning_of("Hohe").axis == "q"
 
 
+def test_a_body_that_is_another_one_again_is_left_out(tmp_path) -> None:
+    places = np.c_[T, A, B, A]
+    names = "t,x1,y1,x2,y2,x3,y3\n"
+    rows = "".join(",".join(f"{x:.6f}" for x in row) + "\n" for row in places)
+    found = read(tmp_path, names + rows, "twice.csv")
+    np.testing.assert_allclose(found.positions[0], np.stack([A, B], 1), atol=1e-6)
+    assert "x3/y3 left out: always where another one is" in found.notes[0]
+
+
 def test_a_text_of_numbers_may_be_called_anything(tmp_path) -> None:
     above = "% tennis\n%\n%   valLower: 141\n%   valUpper: 256\n"
     text = above + "".join(f"{t:.2f}, {x:.3f}, {y:.3f}\n" for t, (x, y) in zip(T, A, strict=True))

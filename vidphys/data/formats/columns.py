@@ -117,7 +117,7 @@ def detect_columns(
 def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
     """The columns without those that show nothing, and which these are, a line each.
 
-    Left out are bodies that no row shows, a third axis along which nothing moves, coordinates alone
+    Left out are bodies that no row shows, or that are where another one is, a third axis along which nothing moves, coordinates alone
     that rest while others move, as those of a sensor that was connected but not used, and inputs
     that never change.
     """
@@ -126,6 +126,10 @@ def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
     if 0 < len(seen) < len(bodies):
         lines.append(f"{_named(bodies, seen)} left out: no row has a number")
         bodies = seen
+    own = tuple(body for k, body in enumerate(bodies) if not _among(body, bodies[:k], table))
+    if len(own) < len(bodies):
+        lines.append(f"{_named(bodies, own)} left out: always where another one is")
+        bodies = own
     if all(len(body) == len(AXES) and _values(table[body[-1]]) < RESTING for body in bodies):
         lines.append(f"{', '.join(body[-1] for body in bodies)} left out: without a change")
         bodies = tuple(body[:-1] for body in bodies)
@@ -138,6 +142,18 @@ def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
         constant = ", ".join(name for name in columns.inputs if name not in inputs)
         lines.append(f"{constant} left out: without a change")
     return replace(columns, coordinates=bodies, inputs=inputs), tuple(lines)
+
+
+def _among(body: tuple[str, ...], others: Sequence[tuple[str, ...]], table: Table) -> bool:
+    """Whether one of the others has the same numbers in every row, of a body that moves."""
+    return any(_values(table[name]) > RESTING for name in body) and any(
+        len(body) == len(other)
+        and all(
+            np.array_equal(table[x], table[y], equal_nan=table[x].dtype.kind == "f")
+            for x, y in zip(body, other, strict=True)
+        )
+        for other in others
+    )
 
 
 def _named(bodies: Sequence[tuple[str, ...]], kept: Sequence[tuple[str, ...]]) -> str:

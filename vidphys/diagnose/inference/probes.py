@@ -198,6 +198,8 @@ def with_any_shape(
     """
     shapes = [term for term in pair_terms(field.distance, pair.source) if not term.parts]
     x = rows_of(windows, np.concatenate([term.columns(field) for term in shapes], -1)).x
+    x = x[:, np.isfinite(x).all(0)]  # bodies at one place, as two columns of one thing, have none
+    x = x / np.maximum(np.abs(x).max(0), np.finfo(float).tiny)  # squares of a 1 / r^13 overflow
     size = np.sqrt((x**2).mean(0) + np.finfo(float).tiny)
     apart, share, _ = np.linalg.svd(x / size, full_matrices=False)
     apart = apart[:, share > DISTINCT * share[0]]
