@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vidphys.data.formats import Recording, read_recording
+from vidphys.data.formats import FORMATS, Recording, TrackFormat, read_recording
 from vidphys.data.formats.names import meaning_of
 from vidphys.data.formats.wrapped import semicolons
 
@@ -88,6 +88,14 @@ def test_a_text_of_numbers_may_be_called_anything(tmp_path) -> None:
     found = read(tmp_path, text, "ball.dlm")
     np.testing.assert_allclose(found.positions[0, :, 0], A, atol=1e-3)
     np.testing.assert_allclose(found.times[0], T)
+
+
+def test_a_format_of_another_package_comes_before_a_text_of_any_name(tmp_path, monkeypatch) -> None:
+    (tmp_path / "run.own").write_text("0,1\n1,2\n2,3\n")
+    own = TrackFormat((".own",), lambda *_: Recording(np.ones((1, 9, 1, 2)), None))
+    monkeypatch.setitem(FORMATS._parts, "own", own)
+    monkeypatch.setitem(FORMATS._modules, "own", "other.formats")
+    assert read_recording(tmp_path / "run.own").positions.shape == (1, 9, 1, 2)
 
 
 def test_an_ephemeris_of_horizons_is_its_rows(tmp_path) -> None:

@@ -52,8 +52,8 @@ class Format:
     """A format of files.
 
     Args:
-        suffixes: of its files, in lower case, with the dot; none: any, where no format that was
-            registered before takes a file.
+        suffixes: of its files, in lower case, with the dot; none: any, of files that no other
+            format takes.
         read: see the subclasses.
         looks: whether the content of a file with such a suffix is of this format, where the
             suffix alone does not say.
@@ -115,7 +115,7 @@ Kind = TypeVar("Kind", bound=Format)
 
 def format_of(path: Path, kind: type[Kind]) -> Kind | None:
     """The first format of this kind that a file is of."""
-    return next((f for f in FORMATS.values() if isinstance(f, kind) and f.sniff(path)), None)
+    return next((format for _, format in _takers(path, kind)), None)
 
 
 def suffixes_of(kind: type[Format]) -> tuple[str, ...]:
@@ -176,5 +176,13 @@ def _of_tracks(path: Path) -> TrackFormat:
 
 def sources_of(*paths: Path) -> dict[str, str]:
     """Where the formats of files come from that are not ours, for a record."""
-    first = (next((n for n, f in FORMATS.items() if f.sniff(path)), None) for path in paths)
+    first = (next((name for name, _ in _takers(path, Format)), None) for path in paths)
     return FORMATS.sources(*sorted({name for name in first if name}))
+
+
+def _takers(path: Path, kind: type[Kind]) -> Iterator[tuple[str, Kind]]:
+    """The formats of a kind that a file is of: those of its suffix first, also other packages'."""
+    for by_name in (True, False):
+        for name, format in FORMATS.items():
+            if isinstance(format, kind) and bool(format.suffixes) == by_name and format.sniff(path):
+                yield name, format

@@ -117,9 +117,9 @@ def detect_columns(
 def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
     """The columns without those that show nothing, and which these are, a line each.
 
-    Left out are bodies that no row shows, or that are where another one is, a third axis along which nothing moves, coordinates alone
-    that rest while others move, as those of a sensor that was connected but not used, and inputs
-    that never change.
+    Left out are bodies that no row shows or that are where another one is, a third axis along which
+    nothing moves, coordinates alone that rest while others move, as those of a sensor that was
+    connected but not used, and inputs that never change.
     """
     bodies, lines = columns.coordinates, []
     seen = tuple(body for body in bodies if all(_values(table[name]) for name in body))
