@@ -68,8 +68,9 @@ def test_times_in_seconds_stay_seconds(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("word", ["Aceleracion_X", "Aceleración_X", "Velocità_X", "Accélération_X"])
-def test_words_may_lack_their_accents(word) -> None:
+def test_words_may_lack_their_accents_and_units_have_blanks(word) -> None:
     assert meaning_of(word).kind == "rate"
+    assert meaning_of("Time ( s )").kind == "time" and meaning_of("x ( cm )").unit == "cm"
     assert meaning_of("Höhe").axis == meaning_of("Hohe").axis == "q"
 
 

@@ -62,7 +62,7 @@ FILLERS |= {"image", "of", "the", "world", "axis"}
 GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "ψ": "psi"}
 GREEK |= {"τ": "tau", "ϑ": "theta", "σ": "sigma"}
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-UNIT = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\])}]*)\s*[\])}]\s*$")
+UNIT = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\])}]*?)\s*[\])}]\s*$")
 AFTER = re.compile(r"^(?P<name>.+?)\s*(?:/|\bin\b|,|_)\s*\(?(?P<unit>[^\s()]+)\)?$")
 
 
