@@ -17,6 +17,7 @@ from vidphys.diagnose.recordings.motion import Motion
 
 STIFF = 0.1  # of its length, by which a rod's length may vary
 RIGID = 0.02  # of their distance, by which that of two that a rod joins may vary
+OVER = np.pi  # radians of the upper rod's swing, beyond which it goes over the top
 OFTEN = 0.5  # of the frames, in which both are seen
 TELLING = 10.0  # frames of a clip that tell of a length, as a tracker's mistakes last
 SOFT = 0.03  # of the upper rod: misses beyond count by their size
@@ -150,8 +151,10 @@ def _rods(
 ) -> Rods | None:
     """Those between a pivot and their ends in a plane, ``(t, 2, 2)``, if the upper one hangs."""
     lengths = _lengths(ends, pivot)
-    upper = lengths[:, 0]
-    if np.std(upper) > STIFF * upper.mean() or pivot[1] < ends[:, 0, 1].mean():
+    upper, away = lengths[:, 0], ends[:, 0] - pivot
+    turned = np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0])))
+    hangs = away[:, 1].mean() < 0 or turned > OVER  # what goes over the top may be above for long
+    if np.std(upper) > STIFF * upper.mean() or not hangs:
         return None
     errors = np.std(lengths, axis=0) / np.sqrt(TELLING)
     found = Rods(pivot, np.median(lengths, axis=0), errors, order)
