@@ -11,9 +11,10 @@ from vidphys.diagnose.mechanisms.chain import chained, linked
 from vidphys.diagnose.mechanisms.choose import LIKELIER, fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.coupled import CLEARLY, coupled
 from vidphys.diagnose.mechanisms.fit import fit
-from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
+from vidphys.diagnose.mechanisms.fitted import GOOD, Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of, spread_of
 from vidphys.diagnose.mechanisms.impacts.collisions import colliding, parties
+from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.starts.orbits import orbiting
 from vidphys.diagnose.mechanisms.uncertainty import restricted
@@ -159,6 +160,7 @@ def _again(found: Fit, since: np.ndarray, kept: np.ndarray) -> Fit | None:
 def _refitted(clips: Sequence[Frames], group: Group) -> tuple[Group, Group]:
     """With the law that all frames choose: its numbers as they are, and from all frames."""
     near = [x for x in group.others if x.score > group.fit.score - RIVALS]
+    near += _with_drag(group.fit)
     fitted = [(x, fit(clips, x.model, x.values)) for x in (group.fit, *near)]
     good = [(few, x) for few, x in fitted if x is not None and x.left < WORSE * few.left]
     if not good:
@@ -169,6 +171,23 @@ def _refitted(clips: Sequence[Frames], group: Group) -> tuple[Group, Group]:
     return Group(group.bodies, few, others), Group(
         group.bodies, restricted(order[0]), tuple(order[1:])
     )
+
+
+def _with_drag(found: Fit) -> list[Fit]:
+    """The law of a fall or a toss in a table with a drag too, which few frames may not tell of.
+
+    In a picture a lens bends a path as much.
+    """
+    law = found.model.law
+    bare = isinstance(law, Law) and law.restoring == "uniform" and law.friction == "none"
+    if not bare or law.pictured or law.walls or law.curve is not None:
+        return []
+    fits = []
+    for friction in ("linear", "square"):
+        dragged = replace(law, friction=friction)
+        values = np.insert(found.values, dragged.names.index(friction), 0.0)
+        fits.append(fit(found.clips, Model(dragged, found.model.charts), values))
+    return [x for x in fits if x is not None]
 
 
 def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -> Mechanism | None:
