@@ -96,7 +96,8 @@ class Fitted:
         params: batch of one, in its own units.
         interval: seconds between frames that it was trained on.
         seen: how far the recording reached that it was trained on.
-        plane: axes of the plane of space that it is of, ``(2, 3)``, where it was told in one.
+        plane: axes of the plane or line of space that it is of, ``(2, 3)`` or ``(1, 3)``, where it
+            was told in one.
     """
 
     term: HeadTerm

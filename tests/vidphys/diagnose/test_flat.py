@@ -5,10 +5,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.vidphys.diagnose.test_mechanisms import noisy
+from vidphys.diagnose.explanations.specification import read_specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT
 from vidphys.diagnose.recordings.flat import in_its_plane
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
+from vidphys.runs.atomic import write_json
 
 STEP = 0.04
 
@@ -51,7 +53,7 @@ def test_a_nearly_round_orbit_is_no_pendulum_that_goes_over_the_top():
     assert given.data["terms"] == ["centre"] and given.data["status"] == EXPLAINED
 
 
-def test_riders_that_collide_on_a_track_in_space_are_told_along_it():
+def test_riders_that_collide_on_a_track_in_space_are_told_along_it(tmp_path):
     times, hit = np.arange(180) * 0.002, 0.18
     since = np.maximum(times - hit, 0)
     along = np.stack([127 - 2 * times - 77 * since, 171 - 125 * times + 79 * since], 1)
@@ -66,6 +68,8 @@ def test_riders_that_collide_on_a_track_in_space_are_told_along_it():
     (axis,) = given.specification["plane"]
     assert given.data["plane"] == {"x": axis} and axis == pytest.approx([0.995, 0.104, 0], abs=0.01)
     assert "on a line" in given.lines[-1]
+    write_json(tmp_path / "specification.json", given.specification)
+    assert read_specification(tmp_path / "specification.json")[1]["plane"] == [axis]
 
 
 def test_what_leaves_every_plane_keeps_its_three_coordinates():

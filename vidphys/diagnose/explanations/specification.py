@@ -104,7 +104,7 @@ class Specification(Closed):
     explained: bool
     mass: Annotated[list[Above], Field(max_length=MOST_BODIES)] | None = None
     inputs: Annotated[list[Word], Field(max_length=1000)] = []
-    plane: Annotated[list[Axis], Field(min_length=2, max_length=2)] | None = None
+    plane: Annotated[list[Axis], Field(min_length=1, max_length=2)] | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -115,7 +115,10 @@ class Specification(Closed):
             if held is not None and len(held) != count:
                 raise ValueError(f"{name}: has {len(held)} numbers and needs {count}")
         if self.plane is not None and self.space != len(self.plane):
-            raise ValueError(f"plane: is of a scene in 2 dimensions, this one has {self.space}")
+            axes = len(self.plane)
+            raise ValueError(
+                f"plane: is of a scene in {axes} dimensions, this one has {self.space}"
+            )
         return self
 
 
