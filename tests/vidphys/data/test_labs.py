@@ -10,6 +10,7 @@ import pytest
 from vidphys.data.formats import FORMATS, Recording, TrackFormat, read_recording
 from vidphys.data.formats.names import meaning_of
 from vidphys.data.formats.wrapped import semicolons
+from vidphys.errors import InputError
 
 ROWS = 12
 T = np.arange(ROWS) * 0.01
@@ -81,6 +82,12 @@ def test_a_body_that_is_another_one_again_is_left_out(tmp_path) -> None:
     found = read(tmp_path, names + rows, "twice.csv")
     np.testing.assert_allclose(found.positions[0], np.stack([A, B], 1), atol=1e-6)
     assert "x3/y3 left out: always where another one is" in found.notes[0]
+
+
+def test_atoms_in_a_text_of_another_kind_are_refused_in_one_line(tmp_path) -> None:
+    frame = "3\nwater\nO 0 0 0.{0}\nH 0 0 1.{0}\nH 0 1 0.{0}\n"
+    with pytest.raises(InputError, match=r"not numbers \('O'\)"):
+        read(tmp_path, "".join(frame.format(k) for k in range(9)), "water.xyz")
 
 
 def test_a_text_of_numbers_may_be_called_anything(tmp_path) -> None:

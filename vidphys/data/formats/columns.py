@@ -148,12 +148,15 @@ def _among(body: tuple[str, ...], others: Sequence[tuple[str, ...]], table: Tabl
     """Whether one of the others has the same numbers in every row, of a body that moves."""
     return any(_values(table[name]) > RESTING for name in body) and any(
         len(body) == len(other)
-        and all(
-            np.array_equal(table[x], table[y], equal_nan=table[x].dtype.kind == "f")
-            for x, y in zip(body, other, strict=True)
-        )
+        and all(_alike(table[x], table[y]) for x, y in zip(body, other, strict=True))
         for other in others
     )
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two columns hold the same numbers."""
+    numbers = all(column.dtype.kind in "fiu" for column in (one, other))
+    return numbers and np.array_equal(one.astype(float), other.astype(float), equal_nan=True)
 
 
 def _named(bodies: Sequence[tuple[str, ...]], kept: Sequence[tuple[str, ...]]) -> str:
