@@ -42,6 +42,12 @@ def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
             "Not told as sure: other terms fit as well and lose by their number alone; start the "
             "bodies elsewhere and faster, or record longer."
         )
+    if rest.explained and inference.between:
+        said.append(
+            "Not told as sure: a force between the bodies by a power of the distance that is no "
+            "whole number explains as much alone; record bodies nearer to each other and farther "
+            "apart."
+        )
     if rest.explained and inference.smoothly:
         said.append(
             "Not told as sure: a force that the menu lacks explains about as much as random kicks; "

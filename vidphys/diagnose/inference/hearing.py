@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vidphys.diagnose.inference.menu import PAIR
+from vidphys.diagnose.inference.menu import BETWEEN, PAIR, POWERS, SHAPES, field_of, pair_term
 from vidphys.diagnose.inference.refine import Fitted, refine
 from vidphys.diagnose.inference.structures import Structure, is_wrong, price
 from vidphys.diagnose.weak.paths import Paths
@@ -22,6 +22,8 @@ HEARD = 6  # structures, of different terms or shapes, beside the best of each s
 FEW, LEAST = 128, 4  # frames and windows, about and at least, that are tried before all of them
 HOPELESS = 1.0  # of log likelihood behind for each coordinate; own paths make good a fifth at most
 NEAR = 15.0  # of log likelihood behind the best in these, up to which a structure stays
+
+SOFT = 0.1  # of the usual distance, where no length is seen to soften a force
 
 Key = tuple[frozenset[str], str]
 
@@ -68,6 +70,36 @@ def heard(
         best = max((x.score for x in rough), default=0.0)
         asked = [x.fitted.structure for x in rough if x.score > best - NEAR]
     return sorted(_fits(windows, paths, asked, ratio, floor), key=lambda x: -x.score)
+
+
+def between_powers(windows: Windows, fitted: Fitted, ratio: float, floor: float) -> bool:
+    """Whether a pair force alone, by a power of the distance between whole ones, is as likely.
+
+    A whole power with a weak trap or friction beside it makes up for such a one.
+
+    Args:
+        windows: what was recorded.
+        fitted: of the answer.
+        ratio, floor: see :func:`heard`.
+    """
+    pair = fitted.structure.term(PAIR)
+    if pair is None or pair.shape not in POWERS or (len(fitted.structure.terms) == 1 and not ratio):
+        return False
+    distance = field_of(windows, fitted.paths).distance
+    usual = float(np.median(distance[np.isfinite(distance)]))
+    scale = pair.scale or SOFT * usual
+    pull = float(fitted.structure.of(pair)[0]) * SHAPES[pair.shape](np.array(usual), scale)
+    rivals = [
+        Structure(
+            (pair_term(shape, scale, pair.source),),
+            np.array([pull / SHAPES[shape](np.array(usual), scale)]),
+            0.0,
+            0.0,
+        )
+        for shape in BETWEEN
+    ]
+    own = _score(fitted, floor)
+    return any(x.score > own - NEAR for x in _fits(windows, fitted.paths, rivals, ratio, floor))
 
 
 def _fits(

@@ -35,6 +35,7 @@ class Inference:
         leftover: what is not explained.
         structures: all that were tried, best first.
         alone: kinds for which one stretch of the recording alone speaks.
+        between: whether a pair force by a power between whole ones is as likely, without the rest.
     """
 
     fitted: Fitted
@@ -46,6 +47,7 @@ class Inference:
     leftover: Leftover
     structures: tuple[Structure, ...]
     alone: frozenset[str] = frozenset()
+    between: bool = False
 
     @property
     def structure(self) -> Structure:
@@ -81,7 +83,7 @@ class Inference:
     @property
     def sure(self) -> bool:
         """Whether the answer stands, and nothing says that it may do so by accident."""
-        doubted = self.smoothly or self.alone or self.slight or self.leftover.unseen
+        doubted = self.smoothly or self.alone or self.slight or self.leftover.unseen or self.between
         return self.stands and not doubted
 
     @property

@@ -183,8 +183,16 @@ SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
     "contact": lambda r, s: -np.maximum(s * _inverse(r) - 1, 0),
     "twelve": lambda r, s: -(_inverse(r) ** 14),
     "six": lambda r, s: _inverse(r) ** 8,
+    # powers between whole ones, which are asked as rivals and never told
+    "power 1/2": lambda r, s: (r**2 + s**2) ** -0.75,
+    "power 3/2": lambda r, s: (r**2 + s**2) ** -1.25,
+    "power 5/2": lambda r, s: (r**2 + s**2) ** -1.75,
 }
 """Pair force over the displacement, from the distance and a length; infinite distance gives 0."""
+
+
+POWERS = frozenset({"inverse", "inverse-square", "point", "inverse-cube"})  # whole ones
+BETWEEN = ("power 1/2", "power 3/2", "power 5/2")
 
 
 TWO_SHAPES: dict[

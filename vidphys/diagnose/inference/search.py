@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynamics.powers import COUPLINGS
-from vidphys.diagnose.inference.hearing import Heard, heard, key_of, reweighed
+from vidphys.diagnose.inference.hearing import Heard, between_powers, heard, key_of, reweighed
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import (
     FRICTIONS,
@@ -290,4 +290,5 @@ class _Search:
             rest,
             tuple(found.structures),
             of_one_stretch(found.menu, found.rows, found.structures, found.ratio),
+            between_powers(found.windows, fitted, found.ratio, self.least(found.rows, found.ratio)),
         )
