@@ -17,7 +17,7 @@ from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
 from vidphys.diagnose.inference.measured import settled
 from vidphys.diagnose.inference.power import infer_with_power
 from vidphys.diagnose.inference.search import infer, ranked
-from vidphys.diagnose.inference.weigh import BELIEVED, weigh
+from vidphys.diagnose.inference.weigh import BELIEVED, in_balance, weigh
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.mending import Mended, mend
@@ -127,9 +127,11 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     if refused:
         return Diagnosis(motion, noise, refused)
     settle = partial(settled, infer=partial(infer_with_power, angles=angles))
-    first = settle(motion)
-    weighed = weigh(motion, first.inference, settle, partial(ranked, angles=angles))
-    best = weighed or first
+    best = weighed = in_balance(motion, settle)
+    if best is None:
+        alike = settle(motion)
+        weighed = weigh(motion, alike.inference, settle, partial(ranked, angles=angles))
+        best = weighed or alike
     motion, inference = best.motion, best.inference
     found = Diagnosis(
         motion,

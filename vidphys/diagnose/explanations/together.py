@@ -20,6 +20,15 @@ def together(part: Motion) -> bool:
 
 
 def between_all(menu: ByMenu) -> bool:
-    """Whether a force between bodies explains all, and foretells it."""
+    """Whether a force between bodies explains all, and foretells it.
+
+    Of bodies that keep a balance of their masses it need not be sure which force does so.
+    """
     plain = "pair" in menu.kinds and not ODD & set(menu.kinds)
-    return plain and menu.explained and Standing.of(menu).status == EXPLAINED
+    if not (plain and menu.explained):
+        return False
+    told = Standing.of(menu)
+    if told.status == EXPLAINED:
+        return True
+    foretells = told.verdict is not None and told.verdict.foretells_all
+    return foretells and masses_in_balance(menu.found.motion) is not None

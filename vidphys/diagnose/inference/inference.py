@@ -64,6 +64,11 @@ class Inference:
         return self.kicks > 0 and abs(rate) <= NORMAL_95 * error
 
     @property
+    def without_kicks(self) -> bool:
+        """Whether nothing is left unexplained, and no random kicks are needed for it."""
+        return self.leftover.explained and not self.kicks
+
+    @property
     def bathed(self) -> bool:
         """Whether there are random kicks, and a friction that surely takes what they give."""
         return self.kicks > 0 and not self.idle and friction_rate(self.fitted)[0] > 0

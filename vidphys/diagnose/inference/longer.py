@@ -18,14 +18,13 @@ from vidphys.diagnose.inference.refine import Fitted, refine
 from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.paths import splined
-from vidphys.diagnose.weak.windows import FEW, Windows, cut_windows
+from vidphys.diagnose.weak.windows import FEW, FINEST, UNSEEN_BY, Windows, cut_windows
 
 SMALL = 6  # coordinates of a scene that is fitted in long windows
 FOLLOWS = 9.0  # times the noise's variance up to which a model follows a recording
 TRAP_1D = external_terms(1, angles=False)[1]
 START = 0.02  # per second, of a friction before it is fitted
 SPARE = 1.5  # times the nodes that a window's path needs, which a window twice as long is given
-UNSEEN_BY = 1e-4  # of the noise, by which nodes that are left out may move a body
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,15 @@ class LongFit:
     def seconds(self) -> float:
         """Length of a window."""
         return float(self.windows.length.mean())
+
+    def follows(self, sigma: float) -> bool:
+        """Whether it leaves about the noise, and its numbers mean what they say."""
+        structure = self.fitted.structure
+        means = all(
+            not t.positive or (structure.of(t)[: max(1, len(t.parts))] > 0).all()
+            for t in structure.terms
+        )
+        return means and self.fitted.variance <= FOLLOWS * sigma**2
 
     def score(self) -> float:
         """Log likelihood less the price of the numbers, comparable in equal windows."""
@@ -73,6 +81,11 @@ def last_look(motion: Motion, inference: Inference) -> LongFit | None:
         return None
     size = max(fit.windows.frames.shape[1] for fit in found)
     longest = [fit for fit in found if fit.windows.frames.shape[1] == size]
+    free = next((fit for fit in found if fit.fitted.structure.term(FRICTION) is None), None)
+    if free is not None and free.windows.frames.shape[1] < size:
+        # What diverges from splines may not do so from paths that are nearly right.
+        again = _along(longest[0], free.fitted.structure)
+        longest += [again] if again is not None and again.follows(inference.noise.sigma) else []
     if motion.bodies > 1:
         apart = [_each_body(fit, motion.bodies) for fit in longest]
         longest += [fit for fit in apart if fit is not None]
@@ -88,14 +101,20 @@ def _each_body(fit: LongFit, bodies: int) -> LongFit | None:
     terms = tuple(of_each_body(t, bodies) if t is shared else t for t in structure.terms)
     known = [np.repeat(structure.of(t), bodies if t is shared else 1) for t in structure.terms]
     apart = replace(structure, terms=terms, coefficients=np.concatenate(known))
+    found = _along(fit, apart)
+    if found is None:
+        return None
+    friction = found.fitted.structure.term(FRICTION)
+    assert friction is not None
+    return found if (found.fitted.structure.of(friction) > 0).all() else None
+
+
+def _along(fit: LongFit, structure: Structure) -> LongFit | None:
+    """Another structure in the windows of a fit, from its paths on; ``None`` where it diverges."""
     try:
-        fitted = refine(fit.windows, fit.fitted.paths, apart)
+        return LongFit(refine(fit.windows, fit.fitted.paths, structure), fit.windows)
     except (FloatingPointError, np.linalg.LinAlgError):
         return None
-    friction = fitted.structure.term(FRICTION)
-    assert friction is not None
-    takes = bool((fitted.structure.of(friction) > 0).all())
-    return LongFit(fitted, fit.windows) if takes else None
 
 
 def _probability(fits: Sequence[LongFit], sigma: float) -> dict[frozenset[str], float]:
@@ -146,7 +165,6 @@ def _longest(motion: Motion, inference: Inference, structure: Structure) -> Long
     """Fits in windows that double, as long as the residual does not grow."""
     size = inference.windows.frames.shape[1]
     total = motion.positions.shape[1]
-    allowed = FOLLOWS * inference.noise.sigma**2
     found, fine = None, 1.0
     while True:
         windows = cut_windows(motion, size, fine)
@@ -155,23 +173,17 @@ def _longest(motion: Motion, inference: Inference, structure: Structure) -> Long
         except (FloatingPointError, np.linalg.LinAlgError):
             return found
         needed = windows.nodes_needed(fitted.paths.a, UNSEEN_BY * inference.noise.sigma)
-        if fine < 1 and needed == len(windows.nodes):
-            fine = 1.0  # that was too coarse
+        if fine < FINEST and needed == len(windows.nodes):
+            fine = min(FINEST, max(1.0, 2 * fine))  # that was too coarse
             continue
-        fine = min(1.0, SPARE * needed / windows.frames.shape[1])
-        if fitted.variance > allowed or not _means_what_it_says(fitted.structure):
+        fine = min(FINEST, SPARE * needed / windows.usual)
+        longer = LongFit(fitted, windows)
+        if not longer.follows(inference.noise.sigma):
             return found
-        found, structure = LongFit(fitted, windows), fitted.structure
+        found, structure = longer, fitted.structure
         if windows.frames.shape[1] >= total:
             return found
         size = min(total, 2 * windows.frames.shape[1])
-
-
-def _means_what_it_says(structure: Structure) -> bool:
-    return all(
-        not t.positive or (structure.of(t)[: max(1, len(t.parts))] > 0).all()
-        for t in structure.terms
-    )
 
 
 def looked_again(inference: Inference, look: LongFit) -> Inference:

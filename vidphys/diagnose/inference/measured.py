@@ -103,7 +103,8 @@ def _colour(
 def _residual(motion: Motion, inference: Inference) -> tuple[Windows, np.ndarray] | None:
     """What the terms leave in windows of a few swings; ``None`` where they cannot be fitted."""
     size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
-    windows = cut_windows(motion, min(size, motion.positions.shape[1]))
+    size = min(size, motion.positions.shape[1])
+    windows = cut_windows(motion, size, inference.windows.fine)
     try:
         fitted = refine(windows, smooth(windows, inference.noise.sigma), inference.structure)
     except (FloatingPointError, np.linalg.LinAlgError):

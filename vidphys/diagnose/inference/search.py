@@ -37,7 +37,7 @@ from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.paths import Paths, integrated, smooth, with_kicks
 from vidphys.diagnose.weak.regression import Rows, normal_equations, rows_of
-from vidphys.diagnose.weak.windows import Windows, cut_windows
+from vidphys.diagnose.weak.windows import FINEST, UNSEEN_BY, Windows, cut_windows
 
 FIRST = 16  # frames of the windows from which the time scale is read
 SHORTEST, LONGEST = 8, 64  # frames
@@ -85,12 +85,18 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     search = _Search(motion, angles, max(noise.sigma, floor), floor)
     size = search.first_size()
     result = search.from_windows(size, noise)
+    while search.fine < FINEST and search.is_too_coarse_for(result):
+        search = replace(search, fine=2 * search.fine)
+        finer = search.from_windows(size, noise)
+        if result.kicks and not finer.without_kicks:
+            break
+        result = finer
     # A rare encounter that a long first window smooths over looks like a kick; in shorter ones it
     # does not.
     while result.kicks > 0 and not result.leftover.explained and size >= 2 * SHORTEST:
         size //= 2
         shorter = search.from_windows(size, noise)
-        if shorter.leftover.explained and not shorter.kicks:
+        if shorter.without_kicks:
             return shorter
     return result
 
@@ -123,6 +129,12 @@ class _Search:
     angles: bool
     sigma: float
     floor: float
+    fine: float = 1.0  # see Windows
+
+    def is_too_coarse_for(self, found: Inference) -> bool:
+        """Whether bodies may pass each other by faster than the nodes of a window can follow."""
+        needed = found.windows.nodes_needed(found.fitted.paths.a, UNSEEN_BY * self.sigma)
+        return found.structure.term(PAIR) is not None and needed == len(found.windows.nodes)
 
     def from_windows(self, size: int, noise: Noise) -> Inference:
         """The whole search from first windows of this many frames."""
@@ -170,7 +182,7 @@ class _Search:
 
     def round(self, frames: int, before: _Round | None) -> _Round:
         """Try every combination in windows of this many frames, along the last best paths."""
-        windows = cut_windows(self.motion, frames)
+        windows = cut_windows(self.motion, frames, self.fine)
         paths = smooth(windows, self.sigma)
         ratio = before.ratio if before else 0.0
         if before is not None:

@@ -27,6 +27,7 @@ STEP = float(ROUGH[1] - ROUGH[0])
 ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
 CLOSELY = {"xatol": 1e-4}  # of a logarithm
 LOST = 1e30  # left under masses with which nothing fits; finite, as the search subtracts it
+UNLIKE = 1.5  # ratio of masses in balance, from which alike ones are not asked
 KEPT = {"pair", "contact", "uniform"}  # kinds that keep a balance of the masses
 HELPS = 3.0  # gain of log likelihood by each mass, from which to go on
 
@@ -48,11 +49,10 @@ def weigh(
         infer: finds the terms once masses are set.
         ranked: every combination of terms in windows of so many frames, best first.
     """
-    unknown = np.allclose(motion.mass, 1.0) and 2 <= motion.bodies <= FEW
     most = np.inf  # numbers of an answer, the masses among them
     if inference.leftover.explained:
         most = inference.structure.numbers - 1
-    if not unknown or not inference.structure.terms or most < motion.bodies:
+    if not _unknown(motion) or not inference.structure.terms or most < motion.bodies:
         return None
 
     def takes(found: Settled) -> bool:
@@ -60,7 +60,7 @@ def weigh(
         return found.inference.leftover.explained and numbers <= most
 
     balance = masses_in_balance(motion)
-    if balance is not None:
+    if balance is not None and not _unlike(balance):
         found = infer(_with(motion, np.log(balance)))
         if takes(found) and found.inference.kinds <= KEPT:
             return found  # their centre tells masses more closely than what acts between them
@@ -81,6 +81,29 @@ def weigh(
                 return each
         found, structure = nearer, nearer.inference.structure
     return None
+
+
+def in_balance(motion: Motion, infer: Callable[[Motion], Settled]) -> Settled | None:
+    """Masses that are clearly not alike by what their centre does, if the menu explains the rest.
+
+    Args:
+        motion: of bodies whose masses are not known.
+        infer: finds the terms once masses are set.
+    """
+    balance = masses_in_balance(motion) if _unknown(motion) else None
+    if balance is None or not _unlike(balance):
+        return None
+    found = infer(_with(motion, np.log(balance)))
+    told = found.inference
+    return found if told.leftover.explained and told.kinds <= KEPT else None
+
+
+def _unknown(motion: Motion) -> bool:
+    return bool(np.allclose(motion.mass, 1.0)) and 2 <= motion.bodies <= FEW
+
+
+def _unlike(mass: np.ndarray) -> bool:
+    return bool(mass.max() > UNLIKE * mass.min())
 
 
 def _likeliest(
@@ -131,7 +154,7 @@ def _near(found: Settled, structure: Structure, logs: np.ndarray, body: int) -> 
 
 
 def _residual(motion: Motion, inference: Inference, structure: Structure) -> float:
-    windows = cut_windows(motion, inference.windows.frames.shape[1])
+    windows = cut_windows(motion, inference.windows.frames.shape[1], inference.windows.fine)
     paths = smooth(windows, inference.noise.sigma)
     try:
         return refine(windows, paths, structure).variance

@@ -24,8 +24,10 @@ from vidphys.diagnose.recordings.motion import Motion, Unseen
 
 LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
 NODES_PER_FRAME = 1.5
-NODES = (16, 48)
-FEW = 64  # frames of a window above which ``fine`` counts
+NODES = (16, 32)
+FEW = 64  # frames of a window, above which it has a node a frame as a rule
+FINEST = 32.0  # times the usual nodes, at most
+UNSEEN_BY = 1e-4  # of the noise, by which nodes that are left out may move a body
 PANEL = 32  # nodes of a panel, about; a window of fewer than twice as many is one panel
 SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
 UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of the noise
@@ -56,7 +58,8 @@ class Windows:
         mass: ``(w, n)``.
         coupling: ``(w,)``, or ``None``.
         colour: of the noise; ``None`` where it is white.
-        fine: nodes for each frame, where there are more than :data:`FEW`.
+        fine: nodes over their usual number, see :attr:`usual`; a long window may have fewer, and
+            what a close encounter asks for is more.
     """
 
     frames: np.ndarray
@@ -129,10 +132,17 @@ class Windows:
     @property
     def _count(self) -> int:
         """Nodes of a window, about."""
+        return max(self._least, int(self.fine * self.usual))
+
+    @property
+    def usual(self) -> int:
+        """Nodes of a window as a rule."""
         frames = self.frames.shape[1]
-        if frames <= FEW:
-            return int(np.clip(NODES_PER_FRAME * frames, *NODES))
-        return int(np.clip(self.fine * frames, NODES[1], frames))
+        return frames if frames > FEW else self._least
+
+    @property
+    def _least(self) -> int:
+        return int(np.clip(NODES_PER_FRAME * self.frames.shape[1], *NODES))
 
     @cached_property
     def nodes(self) -> np.ndarray:
