@@ -255,7 +255,6 @@ def test_a_coarse_clock_is_spread_and_missing_cells_are_gaps(tmp_path):
         ("t,a,b\n" + rows(T, X, Y), "no coordinates among the columns t, a, b"),
         ("length,time\n" + rows(X, T), "length: the measure of a thing is no place"),
         ("t,ax,ay\n" + rows(T, X, Y), "ax, ay: a law is found from places or angles, which no acc"),
-        ("x,body\n" + rows(X, np.repeat([1, 2], 20)), "no column of times"),
         (b"\x00\x01\x02\x03" * 40, "not a text of numbers"),
     ],
 )

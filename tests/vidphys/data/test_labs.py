@@ -84,8 +84,8 @@ def test_a_body_that_is_another_one_again_is_left_out(tmp_path) -> None:
     assert "x3/y3 left out: always where another one is" in found.notes[0]
 
 
-def test_atoms_in_a_text_of_another_kind_are_refused_in_one_line(tmp_path) -> None:
-    frame = "3\nwater\nO 0 0 0.{0}\nH 0 0 1.{0}\nH 0 1 0.{0}\n"
+def test_atoms_of_a_wrong_number_are_refused_in_one_line(tmp_path) -> None:
+    frame = "4\nwater\nO 0 0 0.{0}\nH 0 0 1.{0}\nH 0 1 0.{0}\n"
     with pytest.raises(InputError, match=r"not numbers \('O'\)"):
         read(tmp_path, "".join(frame.format(k) for k in range(9)), "water.xyz")
 

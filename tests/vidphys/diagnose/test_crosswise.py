@@ -83,6 +83,14 @@ def test_on_a_spiral_a_force_across_is_as_likely_as_a_pull():
     assert given.data["status"] == MOSTLY and doubts.CIRCLES in given.lines
 
 
+@pytest.mark.parametrize("field", [[0, 0, 0.2], [0.05, 0.12, 0.16]])
+def test_a_part_of_a_circle_in_space_does_not_tell_a_force_across_from_a_pull(field):
+    """As a month of a planet's way: also where its plane is any."""
+    across = np.cross(field, [1.0, 0.3, 0.5])
+    given = told(moved(lambda _, v: np.cross(v, field), [0, 0, 0, *across]))
+    assert given.data["status"] == MOSTLY and doubts.CIRCLES in given.lines
+
+
 @pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
 def test_the_kernel_turns_a_speed_about_an_axis(axes):
     """The speed keeps its length, and its share along the field."""

@@ -87,7 +87,9 @@ def detect_columns(
     elif not any(means.axis == "v" for means in meanings.values()):
         meanings = {n: Meaning("input") if m.axis == "u" else m for n, m in meanings.items()}
     if table is not None:
-        meanings = _by_numbers(meanings, table)
+        meanings = _moving(_by_numbers(meanings, table), table)
+    if not any(means.kind == "place" for means in meanings.values()):
+        meanings = _of_a_vector(meanings)
     roles = {role: _first(meanings, role) for role in ROLES}
     bodies = _bodies(meanings)
     if not bodies:
@@ -186,6 +188,25 @@ def _no_places(meanings: Mapping[str, Meaning]) -> str:
     return said + asked
 
 
+def _of_a_vector(meanings: Mapping[str, Meaning]) -> dict[str, Meaning]:
+    """With rx, ry and rz as places, where nothing else is one: beside places they are rotations."""
+    axes = {f"r{axis}": axis for axis in AXES}
+    places = {n: axes[n.strip().lower()] for n in meanings if n.strip().lower() in axes}
+    return {n: Meaning("place", places[n]) if n in places else m for n, m in meanings.items()}
+
+
+def _moving(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Meaning]:
+    """Without places that rest while another kind of them moves: a cart's, beside an angle."""
+    places = {name: means for name, means in meanings.items() if means.kind == "place"}
+    moves = {means.axis for name, means in places.items() if _values(table[name]) > 1}
+    ways = [way for way in WAYS if any(means.axis in way for means in places.values())]
+    moving = next((way for way in ways if moves & set(way)), None)
+    if moving is None or moving == ways[0]:
+        return dict(meanings)
+    at_rest = [name for name, means in places.items() if means.axis not in moving]
+    return {n: Meaning(unit=m.unit) if n in at_rest else m for n, m in meanings.items()}
+
+
 def _torque(meanings: Mapping[str, Meaning]) -> bool:
     """Whether what drives the bodies turns them."""
     inputs = (name.lower() for name, means in meanings.items() if means.kind == "input")
@@ -202,9 +223,9 @@ def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Mean
     Columns that are the rate of another are told by their integral.
     """
     known = _one_time(meanings, table)
-    body = _first(known, "body")
-    if body is not None and len(np.unique(table[body])) == len(table[body]):
-        known[body] = Meaning()  # a name for each row
+    for name in [name for name, means in known.items() if means.kind == "body"]:
+        if len(np.unique(table[name])) == len(table[name]):
+            known[name] = Meaning()  # a name for each row
     open_ = [n for n, m in known.items() if not m.kind and table[n].dtype.kind in "fiu"]
     kinds = {means.kind for means in known.values()}
     first = next(iter(known))

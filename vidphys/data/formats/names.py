@@ -29,7 +29,7 @@ ROLES = {
     | {"coords", "slice", "slice n"},  # as DeepLabCut, ImageJ and its Manual Tracking call it
     "clip": {"clip", "episode", "trial", "run", "video", "sequence", "experiment", "versuch"},
     "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"}
-    | {"track n", "track no", "track number"},
+    | {"track n", "track no", "track number", "name"},
     "mass": {"mass", "m"},
     "coupling": {"coupling", "g", "strength"},
 }
@@ -41,6 +41,7 @@ ANGLES = frozenset(
 ALONE = {"q", "position", "pos", "displacement", "s", "distance", "d", "height", "h", "location"}
 ALONE |= {"posicion", "posicao", "posizione", "posisjon", "hauteur", "hohe", "altura", "altezza"}
 ALONE |= {"høyde", "abstand", "strecke", "strekning", "desplazamiento", "elongation", "auslenkung"}
+ALONE |= {"altitude", "altitud", "depth"}
 ALONE |= {"ort", "weg", "deflection", "extension", "coordinate", "spostamento", "deplacement"}
 RATES = {"velocity", "vel", "speed", "acceleration", "accel", "acc", "omega", "w", "dot", "ddot"}
 RATES |= {"v", "alpha", "rate", "momentum", "p", "geschwindigkeit", "beschleunigung", "vitesse"}
@@ -63,6 +64,7 @@ GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", 
 GREEK |= {"τ": "tau", "ϑ": "theta", "σ": "sigma"}
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 UNIT = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\])}]*?)\s*[\])}]\s*$")
+DERIVED = re.compile(r"der\s*\(.*\)|d\w+/dt")  # as Modelica and textbooks write a derivative
 AFTER = re.compile(r"^(?P<name>.+?)\s*(?:/|\bin\b|,|_)\s*\(?(?P<unit>[^\s()]+)\)?$")
 
 
@@ -94,7 +96,7 @@ def meaning_of(name: str) -> Meaning:
         ('rate', 'time')
     """
     plain, unit = split_unit(name)
-    if _dotted(plain) or _per_time(unit):
+    if _dotted(plain) or DERIVED.fullmatch(plain) or _per_time(unit):
         return Meaning("rate", unit=unit)
     words = _words(plain)
     if not words:

@@ -19,6 +19,7 @@ TURNS = 4 * np.pi
 RATES = (23.976, 24.0, 29.97, 30.0, 48.0, 59.94, 60.0, 119.88, 120.0, 239.76, 240.0)  # of films
 NEAR = 5e-4  # of one; two that are called alike are 1e-3 apart
 MILLISECONDS = (5, 2000)  # whole numbers that step by so many are no seconds
+LONG_AGO = 1e9  # seconds, from which times are dates, or since 1970
 EPOCHS = {"ns": (1e17, 1e-9), "µs": (1e14, 1e-6), "ms": (1e11, 1e-3)}  # since 1970, from so many on
 
 
@@ -211,15 +212,22 @@ def _clock(table: Table, columns: Columns, interval: float | None) -> Clock:
         return _seconds(table, columns.time, columns.units.get(columns.time, ""), interval)
     if columns.frame is not None:
         numbers, said = _numbers(table, columns.frame), columns.frame
-    elif columns.body is not None or columns.clip is not None:
-        raise InputError(
-            "no column of times; name it t or frame, or say which with `columns` time=NAME"
-        )
     else:
-        numbers, said = np.arange(len(next(iter(table.values())))), "the row"
+        numbers, said = _counted(table, columns), "the row"
     if interval is None:
         return Clock(numbers, False, said)
     return Clock(numbers * interval, True, f"{said} times the interval")
+
+
+def _counted(table: Table, columns: Columns) -> np.ndarray:
+    """The number of each row, among those of its clip and body."""
+    count = len(next(iter(table.values())))
+    told = [np.unique(table[n], return_inverse=True)[1] for n in (columns.clip, columns.body) if n]
+    whose = np.unique(np.array(told).T, axis=0, return_inverse=True)[1] if told else np.zeros(count)
+    numbers = np.empty(count, int)
+    for one in np.unique(whose):
+        numbers[whose == one] = np.arange((whose == one).sum())
+    return numbers
 
 
 def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Clock:
@@ -230,10 +238,12 @@ def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Cloc
         except ValueError as error:
             raise InputError(f"column {name}: not times ({error})") from error
     times = _numbers(table, name)
+    known = times[np.isfinite(times)]
     if unit in SECONDS:
         said = name if SECONDS[unit] == 1 else f"{name}, from {unit} to s"
+        if len(known) and known.min() * SECONDS[unit] > LONG_AGO:
+            return Clock((times - known.min()) * SECONDS[unit], True, f"{said} since the first")
         return Clock(times * SECONDS[unit], True, said)
-    known = times[np.isfinite(times)]
     whole = len(known) > 1 and bool((known == np.round(known)).all())
     steps = np.diff(np.unique(known))
     if not len(steps):

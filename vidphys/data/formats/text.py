@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from vidphys.data.formats.bounded import LONGEST_NAME, MOST_COLUMNS, require_text
+from vidphys.data.formats.headed import beneath
 from vidphys.data.formats.names import is_unit
 from vidphys.data.formats.wrapped import semicolons, unwrapped
 from vidphys.errors import InputError
@@ -144,7 +145,7 @@ def read_sheet(lines: Iterable[str]) -> Sheet:
     lines = [line.rstrip("\r\n") for line in lines if line.strip(" ;,\t\r\n")]
     if lines and re.fullmatch(r"sep=.", lines[0].strip()):
         lines = lines[1:]
-    lines = semicolons(unwrapped(lines))
+    lines = semicolons(unwrapped(beneath(lines)))
     plain = [line for line in lines if not line.lstrip(' "').startswith(COMMENTS)]
     dialect = _dialect(plain)
     blocks = _blocks(lines, dialect)
@@ -270,14 +271,15 @@ def _named(
     candidates = spoken or list(above)
     heads = [_header_cells(line, dialect, width) for line in candidates]
     if not spoken:  # a comment names columns only if it has about as many words as there are
-        heads = [head for head in heads if head and len(head) <= width][-1:]
+        heads = [head for head in heads if head and len(head) <= width]
+        heads = heads[-2:] if heads and _are_units(heads[-1]) else heads[-1:]
         words = [word for head in heads for word in head]
         if any(len(word) > 24 or SETTING.search(word) for word in words):
             heads = []
     if not heads:
         return (), ()
     names, rest = heads[-1], heads[:-1]
-    if rest and len(names) > 1 and all(is_unit(cell) for cell in names) and any(names):
+    if rest and _are_units(names):
         units, names, rest = names, rest[-1], rest[:-1]
         units += [""] * (len(names) - len(units))
         pairs = zip(names, (u.strip("[](){} ") for u in units), strict=False)
@@ -289,6 +291,11 @@ def _named(
             whom = (rest[-1][k] if k < len(rest[-1]) else "") or whom
             labels[k] = whom
     return tuple(names), tuple(labels)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether a line below the names says their units."""
+    return len(cells) > 1 and any(cells) and all(is_unit(cell) for cell in cells)
 
 
 def _title(above: Sequence[str], dialect: Dialect) -> str:

@@ -37,9 +37,9 @@ def unwrapped(lines: Sequence[str]) -> list[str]:
 
 def _ephemeris(lines: Sequence[str]) -> Sequence[str]:
     marks = [line.strip() for line in lines]
-    if BEGIN not in marks or END not in marks:
+    if BEGIN not in marks:
         return lines
-    begin, end = marks.index(BEGIN), marks.index(END)
+    begin, end = marks.index(BEGIN), marks.index(END) if END in marks else len(lines)
     names = [line for line in lines[:begin] if not RULE.fullmatch(line.strip())]
     return [line.rstrip(", ") for line in (*names[-1:], *lines[begin + 1 : end])]
 

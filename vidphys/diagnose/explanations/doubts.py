@@ -152,11 +152,19 @@ def circles(fit: Fit) -> bool:
     """
     law, charts = fit.model.law, fit.model.charts
     alone = len(charts) == 1 and charts[0].name in ("plane", "turned")  # several circles tell
+    if alone and law.turning and law.restoring == "none":
+        return len(fit.clips) == 1 and _flat(_rolled(fit)[0][:, 0])
     if not alone or law.restoring not in ("trap", "centre") or law.walls or law.turning:
         return False
     if law.restoring == "centre" and fit.numbers["steeper"][1] < TOLD:
         return False
     return all(_evenly(_from_the_middle(fit, r[:, 0]), r[:, 1]) for r in _rolled(fit))
+
+
+def _flat(places: np.ndarray) -> bool:
+    """Whether a way ``(t, d)`` lies in a plane."""
+    sizes = np.linalg.svd(places - places.mean(0), compute_uv=False)
+    return len(sizes) < 3 or bool(sizes[2] < ROUND * sizes[1])
 
 
 def _rolled(fit: Fit) -> list[np.ndarray]:
