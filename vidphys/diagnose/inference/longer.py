@@ -46,6 +46,10 @@ class LongFit:
         """Length of a window."""
         return float(self.windows.length.mean())
 
+    def needed(self, sigma: float) -> int:
+        """Nodes of a window that its paths need; see :meth:`Windows.nodes_needed`."""
+        return self.windows.nodes_needed(self.fitted.paths.a, UNSEEN_BY * sigma)
+
     def follows(self, sigma: float) -> bool:
         """Whether it leaves about the noise, and its numbers mean what they say."""
         structure = self.fitted.structure
@@ -163,27 +167,40 @@ def _externals(structure: Structure) -> list[list[tuple[Term, np.ndarray]]]:
 
 def _longest(motion: Motion, inference: Inference, structure: Structure) -> LongFit | None:
     """Fits in windows that double, as long as the residual does not grow."""
-    size = inference.windows.frames.shape[1]
+    size, sigma = inference.windows.frames.shape[1], inference.noise.sigma
     total = motion.positions.shape[1]
     found, fine = None, 1.0
     while True:
+        longer = _in_windows(motion, size, fine, structure, sigma)
+        if longer is None or not longer.follows(sigma):
+            return found
+        found, structure = longer, longer.fitted.structure
+        size, fine = found.windows.frames.shape[1], found.needed(sigma) / found.windows.usual
+        if size >= total:
+            return found
+        size, fine = min(total, 2 * size), min(FINEST, SPARE * fine)
+
+
+def _in_windows(
+    motion: Motion, size: int, fine: float, structure: Structure, sigma: float
+) -> LongFit | None:
+    """A fit in windows of so many frames, with as many nodes as its paths need.
+
+    Args:
+        fine: of the windows that are tried first.
+    """
+    found: LongFit | None = None
+    while True:
         windows = cut_windows(motion, size, fine)
         try:
-            fitted = refine(windows, splined(windows, inference.noise.sigma), structure)
+            fitted = refine(windows, splined(windows, sigma), structure)
         except (FloatingPointError, np.linalg.LinAlgError):
+            return None
+        coarser, found = found, LongFit(fitted, windows)
+        same = coarser is not None and fitted.as_told_by(coarser.fitted)
+        if same or fine >= FINEST or found.needed(sigma) < len(windows.nodes):
             return found
-        needed = windows.nodes_needed(fitted.paths.a, UNSEEN_BY * inference.noise.sigma)
-        if fine < FINEST and needed == len(windows.nodes):
-            fine = min(FINEST, max(1.0, 2 * fine))  # that was too coarse
-            continue
-        fine = min(FINEST, SPARE * needed / windows.usual)
-        longer = LongFit(fitted, windows)
-        if not longer.follows(inference.noise.sigma):
-            return found
-        found, structure = longer, fitted.structure
-        if windows.frames.shape[1] >= total:
-            return found
-        size = min(total, 2 * windows.frames.shape[1])
+        fine = min(FINEST, max(1.0, 2 * fine))
 
 
 def looked_again(inference: Inference, look: LongFit) -> Inference:

@@ -21,6 +21,7 @@ from vidphys.diagnose.weak.windows import Windows, apart, together
 NUDGE = 1e-5  # over the spread of what is nudged, for derivatives
 STEPS = 6
 SETTLED = 1e-3  # change of the numbers, in standard errors, below which the fit has settled
+AS_TOLD = 0.1  # standard errors, by which numbers differ that are the same
 FARTHEST = 1e3  # times what was seen, beyond which a pair force's length means nothing
 
 
@@ -50,6 +51,12 @@ class Fitted:
     def errors(self) -> np.ndarray:
         """Standard errors of ``values``."""
         return np.sqrt(np.diag(self.covariance))
+
+    def as_told_by(self, other: Fitted) -> bool:
+        """Whether another fit has the same terms, and numbers that are the same within errors."""
+        if [t.name for t in self.structure.terms] != [t.name for t in other.structure.terms]:
+            return False
+        return bool((np.abs(self.values - other.values) <= AS_TOLD * self.errors).all())
 
     def place(self, term: Term) -> int:
         """Where the coefficients of a term begin."""

@@ -88,7 +88,7 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     while search.fine < FINEST and search.is_too_coarse_for(result):
         search = replace(search, fine=2 * search.fine)
         finer = search.from_windows(size, noise)
-        if result.kicks and not finer.without_kicks:
+        if finer.fitted.as_told_by(result.fitted) or (result.kicks and not finer.without_kicks):
             break
         result = finer
     # A rare encounter that a long first window smooths over looks like a kick; in shorter ones it

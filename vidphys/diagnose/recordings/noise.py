@@ -13,6 +13,7 @@ from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.statistics import ROBUST
 
 ORDERS = range(3, 8)
+FEWEST = 5  # differences of the lowest order, as of eight frames of one coordinate
 SEEN = 3.0  # times its own noise, from which a speed counts as visible in one frame interval
 SHORT = 1.25  # times the usual difference of frames, that differences of noise may be, by chance
 EVEN = 0.1  # share by which frame intervals may differ for differences across them
@@ -82,7 +83,7 @@ def _least(motion: Motion) -> tuple[float, int] | None:
     best = None
     for order in ORDERS:
         x = differences(motion, order)
-        if len(x) < 2 * order:
+        if len(x) < (2 * order if best else FEWEST):
             break
         sigma = float(np.sqrt(np.mean(x**2) / comb(2 * order, order)))
         if best is None or sigma < best[0]:

@@ -13,9 +13,10 @@ import sys
 from confined import FILE, HEAD, allow, confine, say, write
 
 # No playlist, no list of files.
-CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,avi,matroska,webm,ogg,gif,mpeg,mpegts,mpegvideo,asf,flv"
+CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,avi,matroska,webm,ogg,gif,mpeg,mpegts,asf,flv"
+STREAMS = "mpegvideo,h264,hevc,yuv4mpegpipe"  # of no container
 ODDEST = 4.0  # times as wide as high, or the other way round, that a pixel is said to be in earnest
-OPTIONS = f"format_whitelist;{CONTAINERS}|protocol_whitelist;file"
+OPTIONS = f"format_whitelist;{CONTAINERS},{STREAMS}|protocol_whitelist;file"
 
 
 def main(most_pixels: int, memory: int, seconds: int) -> None:
