@@ -12,6 +12,7 @@ from vidphys.diagnose.explanations.forecast import State, beside_simple, inner_e
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.standing import Standing
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict, judge
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.answers import answer
@@ -175,3 +176,14 @@ def test_each_body_was_last_seen_in_its_own_frame():
     places[2, 0] = np.nan
     places[:, 1] = np.nan
     np.testing.assert_array_equal(last_seen(places, np.full((2, 2), 7.0)), [[4, 5], [7, 7]])
+
+
+@pytest.mark.parametrize("frames", [1, 20])
+def test_dry_friction_stops_what_is_seen_to_move_and_not_a_frame_that_is_off(frames):
+    """A tracker that begins a frame off is no body that comes to rest at once."""
+    left = np.maximum(frames - np.arange(40), 0.0)
+    way = 0.3 * (left / frames) ** 2
+    places = np.stack([way, -0.5 * way], -1)[None, :, None]
+    noise = 2e-4 * np.random.default_rng(0).standard_normal(places.shape)
+    fit = find_mechanism(motion_of(places + noise, 0.04), camera=True).groups[0].fit
+    assert (fit.kinds == {"dry"}) is (frames > 1)

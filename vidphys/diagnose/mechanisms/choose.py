@@ -44,6 +44,7 @@ BENT = 2.0  # times what an arc to the side leaves: what other laws leave, as a 
 # of log likelihood, by which a pull that only slows what coasts must be better than dry friction:
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
+MOVING = 6  # frames in which what dry friction stops is seen to move, at least
 STRAIGHT = 0.97  # of its way, that a body ends away from its beginning, which goes one way
 LENS = 0.01  # of the spread, that a lens leaves at most of a law that holds in a clip
 VAGUE = 0.5  # standard error of a restitution, along a wall too, from which no bounce tells of it
@@ -294,7 +295,13 @@ def makes_sense(found: Fit) -> bool:
     along = law.restoring == "uniform" and law.curve is None
     if along and "dry" in law.frictions and _goes_one_way(found):
         return False
-    return _pulls_back(found) and told(found) and not _flat(found)
+    return _pulls_back(found) and told(found) and not _flat(found) and _moves(found)
+
+
+def _moves(found: Fit) -> bool:
+    """Whether it moves its bodies in more than the few frames that a tracker may be wrong in."""
+    rates = [x[:, 1] for x in found.model.coordinates(found.values, found.clips)]
+    return sum(int(v.any(-1).sum()) for v in rates) >= MOVING
 
 
 def _flat(found: Fit) -> bool:
