@@ -165,7 +165,7 @@ def _exact_gain(
     whole, after = normal_equations(rows, ratio), normal_equations(rows, ratio, late)
     count = len(whole.moment)
     unchanged = whole.solve(range(count))
-    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    floor = NUMERICAL * motion.spread
     start = whole.log_likelihood(whole.misfit(range(count), unchanged), floor)
     found = []
     for columns in _may_change(terms):

@@ -81,7 +81,7 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     if motion.coupling is not None:
         motion = replace(motion, coupling=COUPLINGS[power](motion.coupling))
     noise = measure_noise(motion)
-    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    floor = NUMERICAL * motion.spread
     search = _Search(motion, angles, max(noise.sigma, floor), floor)
     size = search.first_size()
     result = search.from_windows(size, noise)
@@ -103,7 +103,7 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
 
 def ranked(motion: Motion, frames: int, angles: bool = False) -> list[Structure]:
     """Every combination of terms along smooth paths in windows of so many frames, best first."""
-    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    floor = NUMERICAL * motion.spread
     search = _Search(motion, angles, max(measure_noise(motion).sigma, floor), floor)
     return search.round(frames, None).structures
 

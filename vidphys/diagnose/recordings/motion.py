@@ -99,6 +99,11 @@ class Motion:
         return np.isfinite(self.positions).all(-1)
 
     @property
+    def spread(self) -> float:
+        """Standard deviation of a coordinate about where its body is in the mean, world units."""
+        return float(np.sqrt(np.nanmean(np.nanvar(self.positions, axis=1))))
+
+    @property
     def moves(self) -> bool:
         """Whether any body is ever at another place."""
         return bool(np.nanmax(np.nanstd(self.positions, axis=1)) > 0)

@@ -18,6 +18,7 @@ from vidphys.diagnose.recordings.exact import as_measured
 from vidphys.diagnose.recordings.flat import in_its_plane, on_its_line
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.recordings.nearby import from_nearby
 from vidphys.diagnose.recordings.release import free_frames
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.recordings.used import Used
@@ -48,6 +49,7 @@ def answer(
     Motion in space that stays in a plane is told in that plane where it swings on an arc there, or
     where it is not explained in space, nor less so in the plane; on a line, by its way along it,
     where that explains it better.
+    Places that are counted from far away are told from a place near the motion.
     Of several trials a tail is held out of each; the longest one is rolled on, and drawn.
 
     Args:
@@ -64,7 +66,10 @@ def answer(
         ValueError: a recording that is too short.
     """
     motion, added = as_measured(motion)
+    motion, place = (motion, None) if angles else from_nearby(motion)
     told = _told(motion, angles, hold_out, points, camera, units, used, progress)
+    if place is not None:
+        told = _counted_from(told, place)
     if added:
         told.data["noise_added"] = added
         told.lines.append(
@@ -108,6 +113,18 @@ def _laid(told: Answered, axes: np.ndarray) -> Answered:
     said = ", ".join(f"{name} along {_direction(axis)}" for name, axis in named.items())
     told.lines.append(f"The motion stays {where}, and is told in it: {said}.")
     return told
+
+
+def _counted_from(told: Answered, place: np.ndarray) -> Answered:
+    """An answer by places that are counted from there, which says so; its model is of the tracks'."""
+    told.data["counted_from"] = place.tolist()
+    where = ", ".join(f"{x:.15g}" for x in place)
+    told.lines.append(f"Places are counted from ({where}), near which the motion is.")
+    if told.specification is None:
+        return told
+    axes = np.array(told.specification.get("plane", np.eye(len(place))))
+    origin = np.array(told.specification["origin"]) + axes @ place
+    return replace(told, specification=told.specification | {"origin": origin.tolist()})
 
 
 def _direction(axis: Sequence[float]) -> str:

@@ -26,7 +26,7 @@ def with_measured(advice: Advice, motion: Motion, noise: Noise, points: Sequence
         motion, noise: of the recording.
         points: measured by `vidphys trade`.
     """
-    spread = float(np.nanstd(motion.positions))
+    spread = motion.spread
     told_apart = blur_seen(noise.step, motion.space) / spread
     rollouts = [p for p in points if p.front == "rollouts" and "radians" in p.units]
     encoders = [p for p in points if p.front == "encoders"]
