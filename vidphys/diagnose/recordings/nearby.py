@@ -1,4 +1,4 @@
-"""Places that are counted from far away, as those of a map are: told from near where things move."""
+"""Places that are counted from far away, as those of a map: told from near where things move."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def _laid(told: Answered, axes: np.ndarray) -> Answered:
 
 
 def _counted_from(told: Answered, place: np.ndarray) -> Answered:
-    """An answer by places that are counted from there, which says so; its model is of the tracks'."""
+    """An answer by places counted from there, which says so; its model is of those given."""
     told.data["counted_from"] = place.tolist()
     where = ", ".join(f"{x:.15g}" for x in place)
     told.lines.append(f"Places are counted from ({where}), near which the motion is.")
