@@ -8,7 +8,6 @@ from vidphys.diagnose.explanations.verdict import EXPLAINED
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts.collisions import parties
 from vidphys.diagnose.mechanisms.mechanism import first_alone
-from vidphys.diagnose.mechanisms.rods import at_one_distance
 from vidphys.diagnose.recordings.balance import masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
 
@@ -25,18 +24,6 @@ def together(part: Motion) -> bool:
 
 
 def between_all(menu: ByMenu) -> bool:
-    """Whether a force between bodies explains all, and foretells it.
-
-    Of two that circle each other at one distance, about a centre that goes straight on, it need not
-    be sure which force does so.
-    """
+    """Whether a force between bodies explains all, and foretells it."""
     plain = "pair" in menu.kinds and not ODD & set(menu.kinds)
-    if not (plain and menu.explained):
-        return False
-    told = Standing.of(menu)
-    if told.status == EXPLAINED:
-        return True
-    motion = menu.found.motion
-    circling = (motion.clips, motion.bodies) == (1, 2) and at_one_distance(motion)
-    foretells = told.verdict is not None and told.verdict.foretells_all
-    return circling and foretells and masses_in_balance(motion) is not None
+    return plain and menu.explained and Standing.of(menu).status == EXPLAINED

@@ -37,7 +37,7 @@ from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.paths import Paths, integrated, smooth, with_kicks
 from vidphys.diagnose.weak.regression import Rows, normal_equations, rows_of
-from vidphys.diagnose.weak.windows import FINEST, UNSEEN_BY, Windows, cut_windows
+from vidphys.diagnose.weak.windows import UNSEEN_BY, Windows, cut_windows
 
 FIRST = 16  # frames of the windows from which the time scale is read
 SHORTEST, LONGEST = 8, 64  # frames
@@ -50,6 +50,7 @@ PICARD = 4
 CLOSELY = 3  # shapes of pair forces whose lengths are looked for closely
 KICKED = 8.0  # gain of log likelihood from which random kicks are believed
 SHOVED = 3.0  # times the numerical error that kicks must move a row to be no such error
+FINER = 4.0  # times the usual nodes, which tell a close encounter from a kick
 NUMERICAL = 3e-4  # of the spread of the positions: what the integrals themselves may be wrong by
 
 
@@ -85,12 +86,10 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     search = _Search(motion, angles, max(noise.sigma, floor), floor)
     size = search.first_size()
     result = search.from_windows(size, noise)
-    while search.fine < FINEST and search.is_too_coarse_for(result):
-        search = replace(search, fine=2 * search.fine)
-        finer = search.from_windows(size, noise)
-        if finer.fitted.as_told_by(result.fitted) or (result.kicks and not finer.without_kicks):
-            break
-        result = finer
+    # A close encounter that is over before a window's nodes can follow it looks like a kick too.
+    if result.kicks and result.leftover.explained and search.is_too_coarse_for(result):
+        finer = replace(search, fine=FINER).from_windows(size, noise)
+        result = finer if finer.without_kicks else result
     # A rare encounter that a long first window smooths over looks like a kick; in shorter ones it
     # does not.
     while result.kicks > 0 and not result.leftover.explained and size >= 2 * SHORTEST:

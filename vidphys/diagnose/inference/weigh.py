@@ -11,6 +11,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.measured import Settled
+from vidphys.diagnose.inference.menu import PAIR, POWERS
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.recordings.balance import masses_in_balance
@@ -60,7 +61,7 @@ def weigh(
         return found.inference.leftover.explained and numbers <= most
 
     balance = masses_in_balance(motion)
-    if balance is not None and not _unlike(balance):
+    if balance is not None:
         found = infer(_with(motion, np.log(balance)))
         if takes(found) and found.inference.kinds <= KEPT:
             return found  # their centre tells masses more closely than what acts between them
@@ -84,7 +85,8 @@ def weigh(
 
 
 def in_balance(motion: Motion, infer: Callable[[Motion], Settled]) -> Settled | None:
-    """Masses that are clearly not alike by what their centre does, if the menu explains the rest.
+    """Masses that are clearly not alike by what their centre does, if a power of the distance
+    explains the rest: bodies that springs hold to one place keep balances too.
 
     Args:
         motion: of bodies whose masses are not known.
@@ -94,8 +96,9 @@ def in_balance(motion: Motion, infer: Callable[[Motion], Settled]) -> Settled | 
     if balance is None or not _unlike(balance):
         return None
     found = infer(_with(motion, np.log(balance)))
-    told = found.inference
-    return found if told.leftover.explained and told.kinds <= KEPT else None
+    told, pair = found.inference, found.inference.structure.term(PAIR)
+    falls_off = pair is not None and pair.shape in POWERS
+    return found if falls_off and told.leftover.explained and told.kinds <= KEPT else None
 
 
 def _unknown(motion: Motion) -> bool:

@@ -12,6 +12,7 @@ from vidphys.diagnose.recordings.inputs import Signal
 
 LONGEST_GAP = 1e5  # usual intervals
 LARGEST = 1e100  # positions; what is squared and summed must stay finite
+APART = 4.0  # spreads of each, that those of all count for at most
 LEAST_FRAMES = 8
 
 
@@ -100,8 +101,11 @@ class Motion:
 
     @property
     def spread(self) -> float:
-        """Standard deviation of a coordinate about where its body is in the mean, world units."""
-        return float(np.sqrt(np.nanmean(np.nanvar(self.positions, axis=1))))
+        """Standard deviation of all coordinates, world units; of bodies that are far apart for how
+        little they move, a few times that of each about its own mean.
+        """
+        own = np.sqrt(np.nanmean(np.nanvar(self.positions, axis=1)))
+        return float(min(np.nanstd(self.positions), APART * own))
 
     @property
     def moves(self) -> bool:
