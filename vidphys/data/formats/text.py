@@ -118,8 +118,8 @@ def decoded(path: Path) -> str:
 def holds_numbers(path: Path) -> bool:
     """Whether a text looks like a table: most of its lines are rows of numbers."""
     try:
-        lines = [line for line in decoded(path).splitlines() if line.strip()][:SAMPLE]
-        return _mostly_numbers(lines)
+        lines = beneath([line for line in decoded(path).splitlines() if line.strip()])
+        return _mostly_numbers(lines[:SAMPLE])
     except InputError:
         return False
 
