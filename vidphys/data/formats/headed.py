@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 KINOVEA = "#Kinovea"
 ITEM = "ITEM:"  # begins each heading of a dump
-AXES = ("x", "y", "z")
+UNFOLDED = ("xu", "yu", "zu")  # places that do not jump where a box ends
 
 
 def beneath(lines: Sequence[str]) -> list[str]:
@@ -64,12 +64,10 @@ def _dumped(lines: Sequence[str]) -> list[str]:
     for line in lines:
         if line.startswith(ITEM):
             heading = line[len(ITEM) :].strip()
-            names = heading.split()[1:] if heading.startswith("ATOMS") else []
+            names = heading.split()[1:] if heading.startswith("ATOMS") else names
         elif heading == "TIMESTEP":
             step = line.strip()
-        elif names:
+        elif heading.startswith("ATOMS"):
             rows.append(f"{step} {line.strip()}")
-            told = names
-    unfolded = [f"{axis}u" for axis in AXES]
-    plain = [name.removesuffix("u") if name in unfolded else name for name in told] if rows else []
+    plain = [name.removesuffix("u") if name in UNFOLDED else name for name in names]
     return [" ".join(["frame", *plain]), *rows]

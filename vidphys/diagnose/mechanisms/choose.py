@@ -295,7 +295,9 @@ def makes_sense(found: Fit) -> bool:
     along = law.restoring == "uniform" and law.curve is None
     if along and "dry" in law.frictions and _goes_one_way(found):
         return False
-    return _pulls_back(found) and told(found) and not _flat(found) and _moves(found)
+    if "dry" in law.frictions and not _moves(found):
+        return False
+    return _pulls_back(found) and told(found) and not _flat(found)
 
 
 def _moves(found: Fit) -> bool:

@@ -20,9 +20,10 @@ def from_nearby(motion: Motion) -> tuple[Motion, np.ndarray | None]:
     Returns:
         The motion as it is and ``None``, where it is near its origin.
     """
-    places = motion.positions.reshape(-1, motion.space)
-    middle = np.nanmean(places, axis=0)
-    extent = float(np.nanmax(np.ptp(places[np.isfinite(places).all(-1)], axis=0), initial=0.0))
+    places = motion.positions[motion.seen]
+    if not len(places):
+        return motion, None
+    middle, extent = places.mean(0), float(np.ptp(places, axis=0).max())
     if not 0 < extent * FAR < np.abs(middle).max():
         return motion, None
     round_to = 10.0 ** np.floor(np.log10(extent))
