@@ -13,10 +13,14 @@ from vidphys.diagnose.explanations.doubts import (
     UNTOLD,
     doubts,
 )
+from vidphys.diagnose.explanations.law_words import number
 from vidphys.diagnose.explanations.rivals import rivals, undecided
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.recordings.units import Units
 
 STEP = 1 / 30
 
@@ -65,6 +69,20 @@ def test_a_law_that_has_too_little_of_its_motion_or_no_number_for_its_force_is_i
     worse = replace(fit, residuals=tuple(r + 0.2 * fit.spread for r in fit.residuals))
     assert MISSED in doubts(worse)
     assert UNTOLD in doubts(replace(fit, covariance=1e8 * fit.covariance))
+
+
+def test_a_force_is_told_though_a_plane_aslant_shows_lengths_unevenly():
+    times = np.linspace(0, 1.6, 60)[:, None]
+    tossed = [-0.7, -0.3] + times * [0.9, -1.4] + times**2 * [0.0, 0.9]
+    aslant = view.seen(tossed, np.array([0.3, 0.0, 0.0]))[:, None]
+    fit = find_mechanism(noisy(aslant), camera=True).groups[0].fit
+    assert fit.kinds == {"uniform"} and UNTOLD not in doubts(fit)
+    anywhere, beside = (
+        next(x for x in quantities(fit, ruler) if x.name == "acceleration")
+        for ruler in (None, ((-0.3, -0.6), (0.3, -0.6)))
+    )
+    assert anywhere.measured and not anywhere.known and "--scale" in number(anywhere, Units())
+    assert beside.known and beside.scale < 0.2 * anywhere.scale
 
 
 @pytest.mark.parametrize(("wide", "round_"), [(1.0, True), (0.8, False)])

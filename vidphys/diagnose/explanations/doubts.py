@@ -119,7 +119,7 @@ def missed(fit: Fit) -> bool:
 
 def untold(fit: Fit) -> bool:
     """Whether it is not told how much what moves its bodies does so."""
-    return any(x.name.split()[0] in MOVING and not x.known for x in quantities(fit))
+    return any(x.name.split()[0] in MOVING and not x.measured for x in quantities(fit))
 
 
 def unturned(fit: Fit) -> bool:

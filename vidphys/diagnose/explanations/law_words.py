@@ -17,6 +17,7 @@ from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
 from vidphys.statistics import NORMAL_95, as_ratio, with_error
 
+SCALED = "as the picture's scale differs from place to place; --scale would tell"
 ROLLS = 5 / 7  # of gravity, that speeds up a solid ball that rolls (2/5 m r^2 turns with it)
 
 ON = {
@@ -151,8 +152,10 @@ def number(x: Quantity, units: Units) -> str:
     ending = f"{f' {unit}' if unit else ''} (95 %)"
     if x.known:
         return f"{x.name} {with_error(value, error)}{ending}"
-    low, high = value - error, value + error
-    return f"{x.name}: not told by this recording, between {low:.2g} and {high:.2g}{ending}"
+    between = f"between {value - error:.2g} and {value + error:.2g}{ending}"
+    if x.measured:
+        return f"{x.name}: {between}, {SCALED}"
+    return f"{x.name}: not told by this recording, {between}"
 
 
 def what_is_left(mechanism: Mechanism, units: Units) -> str:

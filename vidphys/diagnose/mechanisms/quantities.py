@@ -41,6 +41,7 @@ class Quantity:
         name: for people and programs.
         value, error: and its standard error, units of the positions and seconds.
         length, seconds: powers of those units that it goes with.
+        scale: the part of the error that is a picture's scale's, which differs from place to place.
     """
 
     name: str
@@ -48,11 +49,18 @@ class Quantity:
     error: float
     length: int = 0
     seconds: int = 0
+    scale: float = 0.0
 
     @property
     def known(self) -> bool:
         """Whether the recording tells it, and not only within which wide limits it lies."""
         return NORMAL_95 * self.error <= VAGUE * abs(self.value)
+
+    @property
+    def measured(self) -> bool:
+        """Whether it would be known if the scale were: longer recordings do not tell a scale."""
+        own = np.sqrt(max(self.error**2 - self.scale**2, 0.0))
+        return bool(NORMAL_95 * own <= VAGUE * abs(self.value))
 
 
 Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]
@@ -80,10 +88,7 @@ def quantities(fit: Fit, ruler: Ends | None = None) -> list[Quantity]:
     if camera is None:
         return asked
     share = ASKEW if seen is not None else float(np.hypot(ASKEW, _unevenness(fit, camera)))
-    return [
-        _wider(replace(x, error=float(np.hypot(x.error, share * x.value * x.length))))
-        for x in asked
-    ]
+    return [_wider(x, share) for x in asked]
 
 
 def _in_scale(fit: Fit, told: Joint, ruler: np.ndarray | None, length: int) -> Joint:
@@ -106,8 +111,11 @@ def _unevenness(fit: Fit, camera: np.ndarray) -> float:
     return view.unevenness(shown)
 
 
-def _wider(quantity: Quantity) -> Quantity:
-    return replace(quantity, error=SEEN * quantity.error)
+def _wider(quantity: Quantity, share: float) -> Quantity:
+    """Seen in a picture whose scale is uncertain by a share of itself."""
+    scale = abs(share * quantity.value * quantity.length)
+    error = SEEN * float(np.hypot(quantity.error, scale))
+    return replace(quantity, error=error, scale=SEEN * scale)
 
 
 def _of_rods(fit: RodsFit, ruler: Ends | None) -> Iterator[Quantity]:
