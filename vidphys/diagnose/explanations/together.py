@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.standing import ODD, Standing
 from vidphys.diagnose.explanations.verdict import EXPLAINED
@@ -10,6 +12,8 @@ from vidphys.diagnose.mechanisms.impacts.collisions import parties
 from vidphys.diagnose.mechanisms.mechanism import first_alone
 from vidphys.diagnose.recordings.balance import masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
+
+WIDE = 0.15  # of how far a body moves along its longest way, that it moves across it at least
 
 
 def together(part: Motion) -> bool:
@@ -24,6 +28,23 @@ def together(part: Motion) -> bool:
 
 
 def between_all(menu: ByMenu) -> bool:
-    """Whether a force between bodies explains all, and foretells it."""
-    plain = "pair" in menu.kinds and not ODD & set(menu.kinds)
-    return plain and menu.explained and Standing.of(menu).status == EXPLAINED
+    """Whether a force between bodies explains all, and foretells it.
+
+    Of bodies that move to and fro along a way each, as coupled pendulums do, a law of them is asked
+    too where the force may be another.
+    """
+    if "pair" not in menu.kinds or ODD & set(menu.kinds) or not menu.explained:
+        return False
+    told = Standing.of(menu)
+    foretold = told.verdict is not None and told.verdict.foretells_all
+    return told.status == EXPLAINED or (foretold and _goes_about(menu.motion))
+
+
+def _goes_about(motion: Motion) -> bool:
+    """Whether each body of each clip moves along more than one way."""
+    for path in np.moveaxis(motion.positions, 2, 1).reshape(-1, *motion.positions.shape[1::2]):
+        seen = path[np.isfinite(path).all(-1)]
+        sizes = np.linalg.svd(seen - seen.mean(0), compute_uv=False)
+        if len(sizes) < 2 or sizes[1] < WIDE * sizes[0]:
+            return False
+    return True

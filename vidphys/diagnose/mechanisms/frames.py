@@ -58,6 +58,13 @@ class Frames:
             self.ahead,
         )
 
+    def thinned(self, step: int) -> Frames:
+        """One of so many frames."""
+        kept = [np.flatnonzero(seen % step == 0) for seen in self.seen]
+        each = zip(self.seen, self.stretches, kept, strict=True)
+        seen, stretches = zip(*((s[rows] // step, x.at(rows)) for s, x, rows in each), strict=True)
+        return replace(self, times=self.times[::step], seen=seen, stretches=stretches)
+
 
 def frames_of(motion: Motion) -> list[Frames]:
     """The frames of each clip in which its bodies were seen."""

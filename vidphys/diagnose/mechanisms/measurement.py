@@ -56,7 +56,11 @@ class Stretch:
 
     def upto(self, count: int) -> Stretch:
         """Its first frames."""
-        return Stretch(self.times[:count], self.places[:count], self.trust[:count])
+        return self.at(slice(count))
+
+    def at(self, rows: slice | np.ndarray) -> Stretch:
+        """Some of its frames."""
+        return Stretch(self.times[rows], self.places[rows], self.trust[rows])
 
 
 class Covariance:

@@ -21,6 +21,7 @@ FLAT = 2  # dimensions of the plane
 VAGUE = 0.3  # of the nearest distance, or of the strength: a standard error from which none is seen
 LEAST, MOST = 0.25, 12.0  # powers of the distance; beyond, what pushes is as good as a wall
 NEAREST = 0.02  # of the extent, that a body comes to the place at most
+ENOUGH = 200  # frames, of which it is told which of the guesses is right
 BENT = 0.3  # radians, by which a place must turn a body round it
 
 
@@ -34,9 +35,11 @@ def centred(clips: Sequence[Frames]) -> list[Fit]:
     if len(clips) > 1 or stretch.places.shape[1] != FLAT or clips[0].inputs is not None:
         return []
     runners = _begun(stretch.times, stretch.places)
-    found = race(clips, runners, [len(clips[0].times)]) if runners else []
-    best = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
-    if best is None:
+    few = [clip.thinned(max(1, len(clip.times) // ENOUGH)) for clip in clips]
+    found = race(few, runners, [len(few[0].times)]) if runners else []
+    likely = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
+    best = None if likely is None else fit(clips, likely.model, likely.values)
+    if best is None or not told(best):
         return []
     rubbed = lossy(clips, best)
     return [best, *([rubbed] if rubbed is not None and told(rubbed) else [])]
