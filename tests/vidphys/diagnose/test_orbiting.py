@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
+from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.starts.orbits import orbiting
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.answers import answer
 
@@ -47,6 +49,21 @@ def test_the_pull_of_points_needs_no_length():
     assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
     assert any(line.endswith("the force goes with 1 / r²") for line in given.lines)
     assert any(line.startswith("Masses as 1 : 0.33") for line in given.lines)
+
+
+def test_what_two_planets_go_round_is_told_though_it_was_not_followed():
+    """A law of each by itself knows no power of a circle's pull; both together do (Kepler)."""
+    around = [(0, 0), (1, 0), (-1.6, 0)], [(0, 0), (0, 1), (0, -0.75)]
+    given = told(pulled([1, 0, 0], *around, soft=1e-3)[:, 1:])
+    assert given.data["terms"] == ["centre"] and given.data["status"] == EXPLAINED
+    power = given.data["mechanism"][0]["quantities"]["power of the distance"]
+    assert power["value"] == pytest.approx(2, abs=3 * power["standard_error"])
+    assert power["standard_error"] < 0.01
+
+
+def test_a_place_between_two_bodies_pulls_neither():
+    both = pulled([1, 1], [(-0.5, 0), (0.5, 0)], [(0, -0.6), (0, 0.6)])
+    assert orbiting(frames_of(noisy(both, step=STEP)), False) == []
 
 
 def test_of_bodies_that_keep_their_distance_it_is_not_told_how_the_force_falls_off():

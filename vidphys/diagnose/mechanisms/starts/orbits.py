@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 
@@ -24,8 +25,12 @@ from vidphys.diagnose.mechanisms.starts.guesses import HALVES, joined, local
 from vidphys.diagnose.mechanisms.terms import COULOMB
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES
 
-FEWEST = 3  # bodies: what pulls two of them to one place may be each other
+FEWEST = 2  # bodies
 UNLIKE = 1.2  # times the least distance, that the largest is at least: others tell of no power
+# cosine between two bodies as seen from a place, up to which they are opposite: what pulls two to
+# what lies between them may be each other
+OPPOSITE = -0.95
+TRIED = 2  # times, from accelerations over the fewest frames that show a place
 AIMED = 0.9  # of the bodies' squared accelerations, that lies along the way to one place at least
 
 
@@ -44,7 +49,8 @@ def orbiting(clips: Sequence[Frames], camera: bool) -> list[Fit]:
     flat = stretches[0].places.shape[1] == FLAT and clips[0].inputs is None
     if len(clips) > 1 or len(stretches) < FEWEST or short or not flat:
         return []
-    begun = [x for x in (_begun(clips[0], half) for half in HALVES[:2]) if x is not None]
+    each = (_begun(clips[0], half) for half in HALVES)
+    begun = list(islice((x for x in each if x is not None), TRIED))
     best = max(race(clips, begun), key=lambda x: x.score, default=None) if begun else None
     if best is None:
         return []
@@ -61,6 +67,8 @@ def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
     r = np.linalg.norm(s - place, axis=1)
     along = (a * (s - place)).sum(1) / np.maximum(r, np.finfo(float).tiny)
     one_way = bool((along < 0).all() or (along > 0).all())  # so nothing is at the place itself
+    if len(each) == FEWEST and _opposite(clip, place):
+        return None
     if not one_way or (along**2).sum() < AIMED * (a**2).sum() or r.max() < UNLIKE * r.min():
         return None
     turned_at = s[int(np.abs(along).argmax())]
@@ -73,3 +81,12 @@ def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
         guesses.append(np.array([strength, p - COULOMB, *place, *starts.ravel()]))
     law = Law(FLAT * len(each), "centre", turned_at=tuple(turned_at.tolist()))
     return Model(law, (Plane(FLAT),) * len(each)), guesses
+
+
+def _opposite(clip: Frames, place: np.ndarray) -> bool:
+    """Whether a place lies between two bodies, usually."""
+    (first, second), (mine, others) = clip.seen, clip.stretches
+    one = mine.places[np.isin(first, second)] - place
+    other = others.places[np.isin(second, first)] - place
+    cosine = (one * other).sum(-1) / np.linalg.norm(one, axis=-1) / np.linalg.norm(other, axis=-1)
+    return bool(np.median(cosine) < OPPOSITE)
