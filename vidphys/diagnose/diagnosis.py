@@ -148,9 +148,10 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
         if parts:
             return replace(found, switch=switch, parts=parts)
     look = last_look(motion, inference)
-    if look is None:
-        return found
-    return replace(found, inference=looked_again(inference, look), look=look)
+    again = inference if look is None else looked_again(inference, look)
+    if look is None or (found.outweighed and again.kinds != inference.kinds):
+        return found  # what masses that hardly show leave over long is no other term
+    return replace(found, inference=again, look=look)
 
 
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:

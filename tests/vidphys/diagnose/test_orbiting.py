@@ -9,6 +9,7 @@ from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.starts.orbits import orbiting
+from vidphys.diagnose.recordings.balance import about_a_heavy_one
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.answers import answer
 
@@ -59,6 +60,25 @@ def test_what_two_planets_go_round_is_told_though_it_was_not_followed():
     power = given.data["mechanism"][0]["quantities"]["power of the distance"]
     assert power["value"] == pytest.approx(2, abs=3 * power["standard_error"])
     assert power["standard_error"] < 0.01
+
+
+def test_a_sun_that_hardly_moves_pulls_its_planets_and_what_it_moves_tells_how_heavy_it_is():
+    masses, places = [1, 1e-3, 3e-4], [(0, 0), (1, 0), (-1.8, 0)]
+    path = pulled(masses, places, [(0, 0), (0, 1), (0, -0.72)], soft=1e-4)
+    given = answer(noisy(path, 0.001, step=STEP), False, 0.3)
+    assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
+    taken = given.specification["mass"]
+    assert taken[1] / taken[0] == pytest.approx(1e-3, rel=0.2)
+    (said,) = (line for line in given.lines if line.startswith("Times the mass of body 1"))
+    assert float(said.split()[said.split().index("strength") + 1]) == pytest.approx(1, rel=2e-3)
+
+
+@pytest.mark.parametrize(("wide", "taken"), [(0.9, True), (1.0, False)])
+def test_only_bodies_that_come_nearer_and_go_farther_are_asked_for_a_heavy_one(wide, taken):
+    turned = 3 * STEP * np.arange(300)
+    round_it = np.stack([np.cos(turned), wide**2 * np.sin(turned)], -1)
+    both = noisy(np.stack([np.zeros_like(round_it), round_it], 1), 0.001, step=STEP)
+    assert (about_a_heavy_one(both) is not None) is taken
 
 
 def test_a_place_between_two_bodies_pulls_neither():

@@ -23,7 +23,7 @@ from vidphys.diagnose.explanations.forecast import (
     roll,
 )
 from vidphys.diagnose.explanations.menu_model import specification
-from vidphys.diagnose.explanations.menu_numbers import number_lines, quantities_of
+from vidphys.diagnose.explanations.menu_numbers import number_lines, quantities_of, told_of
 from vidphys.diagnose.explanations.pair_words import other_shapes, pair_lines
 from vidphys.diagnose.explanations.verdict import (
     MOSTLY,
@@ -36,6 +36,7 @@ from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
 from vidphys.diagnose.inference.longer import LongFit
+from vidphys.diagnose.inference.menu import PAIR
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.weigh import BELIEVED
 from vidphys.diagnose.recordings.motion import Motion, Unseen
@@ -164,14 +165,7 @@ class ByMenu(Explanation):
             numbers = number_lines(part, self.units)
             lines += [f"  {x}" for x in (written, *numbers, *pair_lines(part, self.units))]
         lines += [] if found.parts else _uncertain(self.inference)
-        if found.outweighed:
-            lines.append(OUTWEIGHED.format(ratio=BELIEVED))
-        elif not np.allclose(found.motion.mass, 1.0):
-            mass = found.motion.mass[0]
-            lines.append(f"Masses as {as_ratio(mass)}; motion shows only their ratios.")
-            if "pair" in self.kinds:
-                taken = ", ".join(f"{x:.4g}" for x in mass)
-                lines.append(f"What acts between the bodies is told for masses of {taken}.")
+        lines += self._of_masses()
         if self.strays:
             lines.append("Not explained: rolled on over the frames held out, these terms diverge.")
         if not found.explained:
@@ -188,6 +182,28 @@ class ByMenu(Explanation):
             lines += doubts(found.motion, part, found.swaps)
         if found.power is not None:
             lines.append(f"Power of the coupling: {found.power.why}.")
+        return lines
+
+    def _of_masses(self) -> list[str]:
+        """For which masses numbers are told, and what the heaviest does beside any others."""
+        found, mass = self.found, self.found.motion.mass[0]
+        if np.allclose(found.motion.mass, 1.0):
+            return []
+        lines = [f"Masses as {as_ratio(mass)}; motion shows only their ratios."]
+        if found.outweighed:
+            lines = [OUTWEIGHED.format(ratio=BELIEVED)]
+        if "pair" in self.kinds:
+            taken = ", ".join(f"{x:.4g}" for x in mass)
+            lines.append(f"What acts between the bodies is told for masses of {taken}.")
+        pair = self.inference.structure.term(PAIR)
+        if found.outweighed and not found.parts and pair is not None and pair.source == "mass":
+            number = next(x for x in quantities_of(self.inference) if x.name == "pair: strength")
+            times = float(mass.max())
+            whole = replace(number, value=times * number.value, error=times * number.error)
+            lines.append(
+                f"Times the mass of body {int(mass.argmax()) + 1}, the heaviest, that is "
+                f"{told_of(whole, self.units)} (95 %)."
+            )
         return lines
 
     def judged(self, tail: Validation | None) -> Verdict | None:

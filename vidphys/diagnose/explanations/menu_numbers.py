@@ -67,12 +67,13 @@ def number_lines(inference: Inference, units: Units) -> list[str]:
             value, unit = units.told(bath.value, bath.length), units.named(2, -2)
             lines.append(f"bath: temperature {value:.3g} {unit} (unit masses, k_B = 1)")
             continue
-        said = (_said(x, units) for x in numbers)
+        said = (told_of(x, units) for x in numbers)
         lines.append(f"{kind}: {', '.join(said)} (95 %)")
     return lines
 
 
-def _said(x: Quantity, units: Units) -> str:
+def told_of(x: Quantity, units: Units) -> str:
+    """A number by its name without its kind, with its 95 % interval and unit."""
     value, error = (units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
     unit = units.named(x.length, x.seconds)
     return f"{x.name.partition(': ')[2]} {with_error(value, error)} {unit}".rstrip()

@@ -10,21 +10,22 @@ from vidphys.diagnose.explanations.verdict import EXPLAINED
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts.collisions import parties
 from vidphys.diagnose.mechanisms.mechanism import first_alone
-from vidphys.diagnose.recordings.balance import masses_in_balance
+from vidphys.diagnose.recordings.balance import about_a_heavy_one, masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
 
 WIDE = 0.15  # of how far a body moves along its longest way, that it moves across it at least
 
 
 def together(part: Motion) -> bool:
-    """Whether bodies seem to act on each other: their centre shows it, or no law of one alone comes
-    near to what the first does.
+    """Whether bodies seem to act on each other: their centre shows it, one hardly moves, or no law
+    of one alone comes near to what the first does.
 
     Bodies that meet do so too, for a moment: theirs is a collision's law, before any force.
     """
     if part.bodies == 1 or not part.moves or parties(frames_of(part)):
         return False
-    return masses_in_balance(part) is not None or not first_alone(part)
+    heavy = about_a_heavy_one(part) is not None
+    return heavy or masses_in_balance(part) is not None or not first_alone(part)
 
 
 def between_all(menu: ByMenu) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -14,7 +14,7 @@ from vidphys.diagnose.inference.measured import Settled
 from vidphys.diagnose.inference.menu import PAIR, POWERS
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.structures import Structure
-from vidphys.diagnose.recordings.balance import masses_in_balance
+from vidphys.diagnose.recordings.balance import about_a_heavy_one, masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import cut_windows
@@ -88,17 +88,30 @@ def in_balance(motion: Motion, infer: Callable[[Motion], Settled]) -> Settled | 
     """Masses that are clearly not alike by what their centre does, if a power of the distance
     explains the rest: bodies that springs hold to one place keep balances too.
 
+    Where one body hardly moves, nothing but what acts between them may be told: a weight on a
+    string, which is seen to hang from a nail, would be pulled by the nail.
+
     Args:
         motion: of bodies whose masses are not known.
         infer: finds the terms once masses are set.
     """
-    balance = masses_in_balance(motion) if _unknown(motion) else None
-    if balance is None or not _unlike(balance):
+    if motion.bodies < 2 or not np.allclose(motion.mass, 1.0):
         return None
-    found = infer(_with(motion, np.log(balance)))
+    balance = masses_in_balance(motion)
+    if balance is not None:
+        return _by_a_power(motion, balance, infer, KEPT) if _unlike(balance) else None
+    heavy = about_a_heavy_one(motion)
+    return None if heavy is None else _by_a_power(motion, heavy, infer, {PAIR})
+
+
+def _by_a_power(
+    motion: Motion, mass: np.ndarray, infer: Callable[[Motion], Settled], kinds: Collection[str]
+) -> Settled | None:
+    """What a power of the distance explains under these masses, beside terms of these kinds."""
+    found = infer(_with(motion, np.log(mass)))
     told, pair = found.inference, found.inference.structure.term(PAIR)
     falls_off = pair is not None and pair.shape in POWERS
-    return found if falls_off and told.leftover.explained and told.kinds <= KEPT else None
+    return found if falls_off and told.leftover.explained and told.kinds <= set(kinds) else None
 
 
 def _unknown(motion: Motion) -> bool:
