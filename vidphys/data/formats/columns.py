@@ -285,3 +285,24 @@ def _bodies(meanings: Mapping[str, Meaning]) -> tuple[tuple[str, ...], ...]:
     if all(not label or label.isdigit() for label in order):
         order = sorted(order, key=lambda label: int(label or 0))
     return tuple(tuple(by_body[n][axis] for axis in wanted) for n in order)
+
+
+def numbers_of(table: Table, name: str) -> np.ndarray:
+    """A column's numbers ``(rows,)``.
+
+    Raises:
+        InputError: another cell, which is named.
+    """
+    try:
+        return np.asarray(table[name], float)
+    except (TypeError, ValueError) as error:
+        word = next(str(cell) for cell in table[name] if not _is_number(cell))
+        raise InputError(f"column {name}: not numbers ('{word[:40]}')") from error
+
+
+def _is_number(cell: object) -> bool:
+    try:
+        float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
+    return True

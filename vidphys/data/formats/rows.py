@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
 from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.boxes import centred
-from vidphys.data.formats.columns import Columns, Table, detect_columns, shown
-from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS, meaning_of
-from vidphys.data.formats.stamps import cleaned, moments, restarts, unrounded
+from vidphys.data.formats.clock import Clock, clock_of
+from vidphys.data.formats.columns import Columns, Table, detect_columns, numbers_of, shown
+from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, meaning_of
+from vidphys.data.formats.stamps import cleaned, restarts, unrounded
 from vidphys.errors import InputError
 
 TURNS = 4 * np.pi
-RATES = (23.976, 24.0, 29.97, 30.0, 48.0, 59.94, 60.0, 119.88, 120.0, 239.76, 240.0)  # of films
-NEAR = 5e-4  # of one; two that are called alike are 1e-3 apart
-MILLISECONDS = (5, 2000)  # whole numbers that step by so many are no seconds
-LONG_AGO = 1e9  # seconds, from which times are dates, or since 1970
-EPOCHS = {"ns": (1e17, 1e-9), "µs": (1e14, 1e-6), "ms": (1e11, 1e-3)}  # since 1970, from so many on
-
-
-@dataclass(frozen=True)
-class Clock:
-    """What rows are in order by, ``(rows,)``; whether it is seconds; and what it was, in words."""
-
-    values: np.ndarray
-    seconds: bool
-    said: str
 
 
 def recording_of(
@@ -57,7 +44,7 @@ def recording_of(
         columns = replace(columns, angles=True)
         notes = (*notes, "an angle, as the file is called after a pendulum")
     columns, unseen = shown(columns, table)
-    clock = _clock(table, columns, interval if interval is not None and interval > 0 else None)
+    clock = clock_of(table, columns, interval if interval is not None and interval > 0 else None)
     order = clock.values
     clip, trials = _clips(table, columns, order)
     places, length = _places(table, columns)
@@ -125,7 +112,7 @@ def columns_of(
         held = _side_by_side(table, body, at, len(moments))
     elif len(moments) == len(at):
         held = {name: values[np.argsort(at)] for name, values in table.items()}
-    return held, None if "time" in roles else _numbers(held, by)
+    return held, None if "time" in roles else numbers_of(held, by)
 
 
 def _side_by_side(table: Table, body: str, at: np.ndarray, times: int) -> dict[str, np.ndarray]:
@@ -153,7 +140,7 @@ def _inputs(
     """Known inputs at the frames of each clip, ``(e, t, m)``."""
     if not columns.inputs or columns.body is not None:
         return None
-    values = np.stack([_numbers(table, name) for name in columns.inputs], -1)
+    values = np.stack([numbers_of(table, name) for name in columns.inputs], -1)
     out = np.empty((*times.shape, values.shape[1]))
     whole = [number for number in np.unique(clip) if np.isfinite(order[clip == number]).any()]
     for row, number in enumerate(whole):
@@ -170,7 +157,7 @@ def _turns(table: Table, columns: Columns) -> bool:
     names = [name for body in columns.coordinates for name in body]
     if any(columns.units.get(name) for name in names):
         return False
-    return all(np.nanmax(np.abs(_numbers(table, name))) < TURNS for name in names)
+    return all(np.nanmax(np.abs(numbers_of(table, name))) < TURNS for name in names)
 
 
 def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.ndarray) -> list[str]:
@@ -188,90 +175,6 @@ def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.nd
     if columns.others:
         told.append(f"not taken: {', '.join(columns.others)}")
     return told
-
-
-def _numbers(table: Table, name: str) -> np.ndarray:
-    try:
-        return np.asarray(table[name], float)
-    except (TypeError, ValueError) as error:
-        word = next(str(cell) for cell in table[name] if not _is_number(cell))
-        raise InputError(f"column {name}: not numbers ('{word[:40]}')") from error
-
-
-def _is_number(cell: object) -> bool:
-    try:
-        float(cell)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return False
-    return True
-
-
-def _clock(table: Table, columns: Columns, interval: float | None) -> Clock:
-    """What rows are in order by."""
-    if columns.time is not None:
-        return _seconds(table, columns.time, columns.units.get(columns.time, ""), interval)
-    if columns.frame is not None:
-        numbers, said = _numbers(table, columns.frame), columns.frame
-    else:
-        numbers, said = _counted(table, columns), "the row"
-    if interval is None:
-        return Clock(numbers, False, said)
-    return Clock(numbers * interval, True, f"{said} times the interval")
-
-
-def _counted(table: Table, columns: Columns) -> np.ndarray:
-    """The number of each row, among those of its clip and body."""
-    count = len(next(iter(table.values())))
-    told = [np.unique(table[n], return_inverse=True)[1] for n in (columns.clip, columns.body) if n]
-    whose = np.unique(np.array(told).T, axis=0, return_inverse=True)[1] if told else np.zeros(count)
-    numbers = np.empty(count, int)
-    for one in np.unique(whose):
-        numbers[whose == one] = np.arange((whose == one).sum())
-    return numbers
-
-
-def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Clock:
-    values = table[name]
-    if values.dtype.kind in "USOM":
-        try:
-            return Clock(moments(values), True, f"{name}, of a clock")
-        except ValueError as error:
-            raise InputError(f"column {name}: not times ({error})") from error
-    times = _numbers(table, name)
-    known = times[np.isfinite(times)]
-    if unit in SECONDS:
-        said = name if SECONDS[unit] == 1 else f"{name}, from {unit} to s"
-        if len(known) and known.min() * SECONDS[unit] > LONG_AGO:
-            return Clock((times - known.min()) * SECONDS[unit], True, f"{said} since the first")
-        return Clock(times * SECONDS[unit], True, said)
-    whole = len(known) > 1 and bool((known == np.round(known)).all())
-    steps = np.diff(np.unique(known))
-    if not len(steps):
-        return Clock(times, True, name)
-    rate = _rate(1e3 / float(steps.mean()))
-    if rate:
-        said = f"{name}, taken for ms: its steps are those of {rate:g} frames a second"
-        return Clock(times * 1e-3, True, said)
-    if not whole:
-        return Clock(times, True, name)
-    step = float(np.median(steps))
-    if interval is not None and step == 1:
-        return Clock(times * interval, True, f"{name}, whole numbers, times the interval")
-    for unit, (least, second) in EPOCHS.items():
-        if known.min() > least:
-            return Clock((times - known.min()) * second, True, f"{name}, in {unit} since 1970")
-    if MILLISECONDS[0] <= step <= MILLISECONDS[1]:
-        return Clock(times * 1e-3, True, f"{name}, whole numbers, taken for ms")
-    return Clock(times, True, f"{name}, whole numbers, taken for s (frames? give `interval`)")
-
-
-def _rate(frames: float) -> float:
-    """The rate of films that this is near, of those whose frames last no whole milliseconds; or 0.
-
-    A clock in seconds has no steps like these.
-    """
-    near = [rate for rate in RATES if abs(frames / rate - 1) < NEAR]
-    return min(near, key=lambda rate: abs(frames - rate), default=0.0)
 
 
 def _clips(table: Table, columns: Columns, order: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -294,7 +197,7 @@ def _places(table: Table, columns: Columns) -> tuple[np.ndarray, str]:
     shown = lengths[0] if lengths else "px" if any(u in PIXELS for u in units.values()) else ""
 
     def one(name: str) -> np.ndarray:
-        values, unit = _numbers(table, name), units[name]
+        values, unit = numbers_of(table, name), units[name]
         if columns.angles:
             return values * RADIANS.get(unit, 1.0)
         return values * (LENGTHS[unit] / LENGTHS[shown]) if unit in LENGTHS else values
@@ -357,7 +260,7 @@ def _of_bodies(table: Table, columns: Columns, names: np.ndarray, clips: int) ->
     """
     if columns.mass is None or columns.body is None:
         return None
-    mass, labels = _numbers(table, columns.mass), table[columns.body]
+    mass, labels = numbers_of(table, columns.mass), table[columns.body]
     if any(len(np.unique(mass[labels == name])) > 1 for name in names):
         return None
     return np.tile(np.array([np.median(mass[labels == name]) for name in names]), (clips, 1))
@@ -366,5 +269,5 @@ def _of_bodies(table: Table, columns: Columns, names: np.ndarray, clips: int) ->
 def _of_clips(table: Table, name: str | None, clip: np.ndarray) -> np.ndarray | None:
     if name is None:
         return None
-    values = _numbers(table, name)
+    values = numbers_of(table, name)
     return np.array([np.median(values[clip == c]) for c in np.unique(clip)])
