@@ -13,7 +13,7 @@ from vidphys.diagnose.explanations.doubts import (
     UNTOLD,
     doubts,
 )
-from vidphys.diagnose.explanations.law_words import number
+from vidphys.diagnose.explanations.law_words import SCALED, number
 from vidphys.diagnose.explanations.rivals import rivals, undecided
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.bodies.lawful import of_lawful_bodies
@@ -81,7 +81,7 @@ def test_a_force_is_told_though_a_plane_aslant_shows_lengths_unevenly():
         next(x for x in quantities(fit, ruler) if x.name == "acceleration")
         for ruler in (None, ((-0.3, -0.6), (0.3, -0.6)))
     )
-    assert anywhere.measured and not anywhere.known and "--scale" in number(anywhere, Units())
+    assert anywhere.measured and not anywhere.known and SCALED in number(anywhere, Units())
     assert beside.known and beside.scale < 0.2 * anywhere.scale
 
 
@@ -101,3 +101,13 @@ def test_what_turns_round_once_may_have_been_struck_by_a_body_that_was_not_follo
     path = np.stack([across - 0.3, 0.1 * times - 0.2], 1)
     fit = find_mechanism(noisy(path[:, None]), camera=camera).groups[0].fit
     assert fit.kinds == {"wall"} and (STRUCK in doubts(fit)) is camera
+
+
+def test_a_doubt_names_its_body_where_others_have_laws_of_their_own():
+    turned = 3 * np.arange(150) * STEP
+    circle = np.stack([np.cos(turned), np.sin(turned)], -1)
+    ellipse = np.stack([np.sin(1.3 * turned), 0.6 * np.cos(1.3 * turned)], -1)
+    both = find_mechanism(noisy(np.stack([ellipse, 0.4 * circle], 1)))
+    (named,) = (x for x in rivals(both) if "on a circle" in x)
+    assert named == CIRCLES.replace("In doubt:", "In doubt, body 2:")
+    assert CIRCLES in rivals(find_mechanism(noisy(0.4 * circle[:, None])))

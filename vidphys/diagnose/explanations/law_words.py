@@ -17,7 +17,7 @@ from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
 from vidphys.statistics import NORMAL_95, as_ratio, with_error
 
-SCALED = "as the picture's scale differs from place to place; --scale would tell"
+SCALED = "as the picture's scale differs from place to place; a length that is known would tell"
 ROLLS = 5 / 7  # of gravity, that speeds up a solid ball that rolls (2/5 m r^2 turns with it)
 
 ON = {
@@ -79,7 +79,7 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         alone: whether there is no other body.
     """
     fit, law = group.fit, group.fit.model.law
-    who = "The body" if alone else _named(group.bodies)
+    who = "The body" if alone else bodies_named(group.bodies)
     several = len(group.bodies) > 1
     moves = _plural(_where(fit)) if several else _where(fit)
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
@@ -130,8 +130,8 @@ def _in_a_row(how: Sequence[str], law: Law, bodies: Sequence[int]) -> list[str]:
     held = [body for i, body in enumerate(bodies) if i not in law.loose]
     loose = [body for i, body in enumerate(bodies) if i in law.loose]
     by = _of_several(BY[law.restoring]) if len(held) > 1 else BY[law.restoring]
-    last = f"{how[-1]}, and nothing else pulls {_named(loose).lower()}"
-    return [f"{_named(held).lower()} {by}", *how[1:-1], last]
+    last = f"{how[-1]}, and nothing else pulls {bodies_named(loose).lower()}"
+    return [f"{bodies_named(held).lower()} {by}", *how[1:-1], last]
 
 
 def _of_several(said: str) -> str:
@@ -140,7 +140,8 @@ def _of_several(said: str) -> str:
     return each + said.replace(" its speed", " their speed").replace("drives it", "drives them")
 
 
-def _named(bodies: Sequence[int]) -> str:
+def bodies_named(bodies: Sequence[int]) -> str:
+    """Bodies by their numbers, at the beginning of a sentence."""
     *first, last = (str(body + 1) for body in bodies)
     return f"Bodies {', '.join(first)} and {last}" if first else f"Body {last}"
 

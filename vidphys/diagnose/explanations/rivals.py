@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vidphys.diagnose.explanations.doubts import doubts, seen
-from vidphys.diagnose.explanations.law_words import in_short
+from vidphys.diagnose.explanations.law_words import bodies_named, in_short
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 
@@ -42,12 +42,15 @@ def swings_on(fit: Fit) -> bool:
 
 
 def rivals(mechanism: Mechanism) -> list[str]:
-    """Of laws that are nearly as likely, in sentences."""
+    """Of laws that are nearly as likely, in sentences; where there are several, of which bodies."""
     out = []
     for group in mechanism.groups:
         kinds = {in_short(x.kinds) for x in near(group)}
+        said = doubts(group.fit)
         if kinds:
-            said = "; or ".join(sorted(kinds))
-            out.append(f"Nearly as likely: {said}. A longer recording would tell.")
-        out += doubts(group.fit)
+            alike = "; or ".join(sorted(kinds))
+            said = [f"Nearly as likely: {alike}. A longer recording would tell.", *said]
+        if len(mechanism.groups) > 1:
+            said = [x.replace(":", f", {bodies_named(group.bodies).lower()}:", 1) for x in said]
+        out += said
     return out
