@@ -346,3 +346,12 @@ def test_what_is_turned_stands_across_and_what_is_uneven_has_no_part_that_is_eve
     assert uneven.shape[-1] == np.linalg.matrix_rank(axes.reshape(-1, axes.shape[-1]))
     np.testing.assert_allclose(axes, axes.swapaxes(0, 1))
     np.testing.assert_allclose(np.trace(axes), 0)
+
+
+def test_no_frame_of_a_fast_body_is_a_false_find_beside_slow_ones():
+    turned = np.arange(200)[:, None] * np.array([0.15, 0.02, 0.015, 0.01])
+    path = np.stack([np.cos(turned) + 0.3 * np.cos(2 * turned), np.sin(turned)], -1)[None]
+    exact = path + 1e-5 * np.random.default_rng(0).standard_normal(path.shape)
+    assert mend(motion_of(exact, 0.02)).false_finds == 0
+    exact[0, [40, 120], 3] += 0.3
+    assert mend(motion_of(exact, 0.02)).false_finds == 2

@@ -116,18 +116,19 @@ def _without_false_finds(q: np.ndarray, times: np.ndarray) -> int:
                 errors[:, clip, there, body] = own
         seen = np.isfinite(q).all(-1)
         limits = np.array([BY_ONE, BY_ONE, BY_BOTH])
-        usual = [np.median(e[np.isfinite(e)]) if np.isfinite(e).any() else np.inf for e in errors]
+        usual = np.array([_usual_errors(e) for e in errors])
         worst = np.ones(q.shape[:3], bool) & seen
         size = np.zeros(q.shape[:3])
         for error, most, scale in zip(errors, limits, usual, strict=True):
             known = np.isfinite(error)
-            worst &= ~known | (error > most * max(scale, np.finfo(float).tiny))
-            size = np.maximum(size, np.where(known, error / max(scale, 1e-300), 0.0))
+            scale = np.maximum(scale, np.finfo(float).tiny)
+            worst &= ~known | (error > most * scale)
+            size = np.maximum(size, np.where(known, error / scale, 0.0))
         worst &= np.isfinite(errors).any(0)
         for clip, frame, body in np.argwhere(worst):
             there = np.flatnonzero(seen[clip, :, body])
             worst[clip, frame, body] = _smooth_without(
-                times[clip, there], q[clip, there, body], int((there < frame).sum()), usual[2]
+                times[clip, there], q[clip, there, body], int((there < frame).sum()), usual[2, body]
             )
         size = np.where(worst, size, 0.0)
         for shift in range(1, NEAR + 1):
@@ -138,6 +139,16 @@ def _without_false_finds(q: np.ndarray, times: np.ndarray) -> int:
         q[worst] = np.nan
         found += int(worst.sum())
     return found
+
+
+def _usual_errors(errors: np.ndarray) -> np.ndarray:
+    """Of each body ``(n,)``, of errors ``(c, t, n)``: its own, or that of all where it is larger.
+
+    A body that is faster than the others is foretold less well, where all are seen exactly.
+    """
+    each = [*np.moveaxis(errors, 2, 0), errors]
+    *own, all_ = (np.median(e[np.isfinite(e)]) if np.isfinite(e).any() else np.inf for e in each)
+    return np.array([max(x, all_) if np.isfinite(x) else all_ for x in own])
 
 
 def _with_own_names(q: np.ndarray, times: np.ndarray) -> int:
