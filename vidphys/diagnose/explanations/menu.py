@@ -44,7 +44,7 @@ from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
 from vidphys.diagnose.weak.windows import cut_windows
-from vidphys.statistics import as_ratio
+from vidphys.statistics import NORMAL_95, as_ratio
 
 ASKED = (
     "pair",
@@ -199,7 +199,9 @@ class ByMenu(Explanation):
         if found.outweighed and not found.parts and pair is not None and pair.source == "mass":
             number = next(x for x in quantities_of(self.inference) if x.name == "pair: strength")
             times = float(mass.max())
-            whole = replace(number, value=times * number.value, error=times * number.error)
+            others = float(mass.sum()) - times  # how heavy they are is not told as sure
+            error = float(np.hypot(times * number.error, others * number.value / NORMAL_95))
+            whole = replace(number, value=times * number.value, error=error)
             lines.append(
                 f"Times the mass of body {int(mass.argmax()) + 1}, the heaviest, that is "
                 f"{told_of(whole, self.units)} (95 %)."
