@@ -196,8 +196,10 @@ class ByMenu(Explanation):
             taken = ", ".join(f"{x:.4g}" for x in mass)
             lines.append(f"What acts between the bodies is told for masses of {taken}.")
         pair = self.inference.structure.term(PAIR)
-        if found.outweighed and not found.parts and pair is not None and pair.source == "mass":
-            number = next(x for x in quantities_of(self.inference) if x.name == "pair: strength")
+        known = {x.name: x for x in quantities_of(self.inference)}
+        number = known.get("pair: strength")  # a molecule's force, a spring of a length have others
+        goes_with_mass = pair is not None and pair.source == "mass"
+        if found.outweighed and not found.parts and goes_with_mass and number is not None:
             times = float(mass.max())
             others = float(mass.sum()) - times  # how heavy they are is not told as sure
             error = float(np.hypot(times * number.error, others * number.value / NORMAL_95))

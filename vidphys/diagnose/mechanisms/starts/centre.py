@@ -35,10 +35,12 @@ def centred(clips: Sequence[Frames]) -> list[Fit]:
     if len(clips) > 1 or stretch.places.shape[1] != FLAT or clips[0].inputs is not None:
         return []
     runners = _begun(stretch.times, stretch.places)
-    few = [clip.thinned(max(1, len(clip.times) // ENOUGH)) for clip in clips]
+    step = max(1, len(clips[0].times) // ENOUGH)
+    few = [clip.thinned(step) for clip in clips]
     found = race(few, runners, [len(few[0].times)]) if runners else []
-    likely = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
-    best = None if likely is None else fit(clips, likely.model, likely.values)
+    best = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
+    if best is not None and step > 1:
+        best = fit(clips, best.model, best.values)
     if best is None or not told(best):
         return []
     rubbed = lossy(clips, best)
