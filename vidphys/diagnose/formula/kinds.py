@@ -121,10 +121,11 @@ def _best(
 ) -> list[list[tuple[int, ...]]]:
     """Groups of one kind, the best first, each with the few places to start from."""
     ordered = np.sort(kinds, axis=-1)
-    code = np.zeros(len(ranked), np.int64)
-    for k in range(ordered.shape[1]):
-        code = code * (int(kinds.max()) + 1) + ordered[:, k]
-    order = np.lexsort((ranked, code))
+    base = int(kinds.max()) + 1
+    code = ordered @ base ** np.arange(ordered.shape[1])[::-1]
+    order = np.argsort(ranked)
+    short = code[order].astype(np.min_scalar_type(base ** ordered.shape[1]))  # sorts faster
+    order = order[np.argsort(short, kind="stable")]
     first = np.flatnonzero(np.diff(code[order], prepend=-1))
     last = np.append(first[1:], len(order))
     best = np.argsort(ranked[order[first]])[:count]

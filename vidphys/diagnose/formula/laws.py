@@ -93,7 +93,7 @@ def coordinate_law(
     report(1, 4, 0.0)
     if spring is None:
         return FoundLaw(Verdict(None, "no formula"), f"no formula: {ELSE}")
-    sums = search(samples_of(spring), until)
+    sums = search(samples_of(spring))
     report(2, 4, 0.0)
     found = _rolled(sums[:TRIED], spring, until)
     found = sorted([*found, *_shortened(found, until)], key=lambda each: each.score)

@@ -148,7 +148,8 @@ def again(rolled: Rolled, x: np.ndarray, times: np.ndarray) -> Rolled | None:
         rolled: its numbers are nearly right.
         x, times: places and seconds of those frames, ``(clips, frames)``.
     """
-    spring, (told, _) = find_spring(x, times), rolled.formula("x")
+    spring = find_spring(x, times, [(rolled.spring.speeds,)])
+    told, _ = rolled.formula("x")
     return None if spring is None else rolled_along(told, rolled.speeds, rolled.drags, spring)
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Sequence
 
-import numpy as np
-
-from vidphys.diagnose.formula.fitting import GIVEN_UP, STEPS, Start, fitted
-from vidphys.diagnose.formula.grammar import Term, words
+from vidphys.diagnose.formula.fitting import GIVEN_UP, STEPS, Guess, fitted
+from vidphys.diagnose.formula.grammar import words
 from vidphys.diagnose.formula.kinds import kinds_of
 from vidphys.diagnose.formula.sums import Samples, Sum, kind_of
 
@@ -15,38 +13,27 @@ FIRST = 4  # steps of a descent at first
 SHORTENED = 40  # sums that are tried without each of their words
 
 
-def search(samples: Samples, until: float = np.inf) -> list[Sum]:
-    """Sums of one to three words, the best first, one of each kind.
-
-    Args:
-        samples: of the force.
-        until: time, as :func:`time.thread_time` tells it, at which to stop with what there is.
-    """
-    vocabulary = words(samples.positive)
-    kinds = kinds_of(samples, vocabulary)
+def search(samples: Samples) -> list[Sum]:
+    """Sums of one to three words, the best first, one of each kind."""
+    kinds = kinds_of(samples, words(samples.positive))
     found: dict[tuple[str, ...], Sum] = {}
-    least = np.inf
 
-    def look(terms: tuple[Term, ...], start: Start, steps: int) -> None:
-        nonlocal least
-        if time.thread_time() > until:
-            return
-        fit = fitted(samples, terms, start, least, steps)
-        if fit is not None and fit.score < found.get(fit.kind, fit).score + 1e-12:
-            found[fit.kind] = fit
-            least = min(least, fit.score)
+    def look(guesses: Sequence[Guess], steps: int) -> float:
+        least = min((one.score for one in found.values()), default=float("inf"))
+        for one in fitted(samples, guesses, least, steps):
+            if one.score < found.get(one.kind, one).score + 1e-12:
+                found[one.kind] = one
+        return min((one.score for one in found.values()), default=float("inf"))
 
-    for terms, starts in kinds:
-        look(terms, starts[0], FIRST)
-    near = least + GIVEN_UP
-    for terms, starts in kinds:
-        kind = kind_of(terms)
-        if any(term.constants for term in terms) and (
-            kind not in found or found[kind].score < near
-        ):
-            for start in starts:
-                look(terms, start, STEPS)
-    for one in sorted(found.values(), key=lambda one: one.score)[:SHORTENED]:
-        for less in one.shorter:
-            look(less.terms, less.constants, STEPS)
+    near = look([(terms, starts[0]) for terms, starts in kinds], FIRST) + GIVEN_UP
+    again = [
+        (terms, start)
+        for terms, starts in kinds
+        for start in starts
+        if any(term.constants for term in terms)
+        and (kind_of(terms) not in found or found[kind_of(terms)].score < near)
+    ]
+    look(again, STEPS)
+    best = sorted(found.values(), key=lambda one: one.score)[:SHORTENED]
+    look([(less.terms, less.constants) for one in best for less in one.shorter], STEPS)
     return sorted(found.values(), key=lambda one: one.score)

@@ -29,7 +29,7 @@ ROUND = 1e-2  # of the accelerations, that bends count at first
 WORSE = 1.1  # noise by which longer pieces may seem noisier
 ORDERS = range(2, 8)  # of the differences that noise is read from
 SHARES = (0.95, 0.6)  # of the noise, that smoothing takes away
-SOFTEST, STIFFEST, BISECTIONS = 1e-4, 1e10, 16  # of smoothing, frames cubed
+SOFTEST, STIFFEST, BISECTIONS = 1e-4, 1e10, 10  # of smoothing, frames cubed
 LEFT = 1.5  # times the noise about a smoothing spline, that a law may leave
 SIMPLE = ("", "v", "v |v|", "sgn(v)")
 
@@ -50,6 +50,7 @@ EVERYWHERE: dict[str, tuple[str, ...]] = {
 PLACEWISE = "v + x v + x^2 v"  # friction that changes with the place
 BY_PLACE = {"v + x^2 v": ("v", "x^2 v"), PLACEWISE: ("v", "x v", "x^2 v")}
 SPEEDS = EVERYWHERE | BY_PLACE
+FAMILIES = (SIMPLE, (PLACEWISE,))  # what changes with the place is asked where nothing else holds
 
 
 @dataclass(frozen=True)
@@ -188,26 +189,31 @@ def noise_of(x: np.ndarray) -> float:
     )
 
 
-def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
+def find_spring(
+    x: np.ndarray, times: np.ndarray, families: Sequence[Sequence[str]] = FAMILIES
+) -> Spring | None:
     """The smooth law of a coordinate, with the terms of speed that the evidence asks for.
-
-    Those that change with the place are asked where none of the others holds.
 
     Args:
         x: places ``(clips, frames)``, NaN where not seen.
         times: seconds ``(clips, frames)``.
+        families: names of terms of the speed, keys of ``SPEEDS``; the first family of which one
+            holds is the one that is told.
 
     Returns:
         The law; ``None`` where none rolls along the whole recording to within its noise.
     """
-    return _found(x, times, SIMPLE) or _found(x, times, (PLACEWISE,))
+    near = [smoothed(x, times, share) for share in SHARES]
+    return next(filter(None, (_found(x, times, near, names) for names in families)), None)
 
 
-def _found(x: np.ndarray, times: np.ndarray, names: Sequence[str]) -> Spring | None:
-    """The same with one of some terms of the speed."""
+def _found(
+    x: np.ndarray, times: np.ndarray, near: Sequence[Smoothed], names: Sequence[str]
+) -> Spring | None:
+    """The same with one of some terms of the speed, from places smoothed more and less."""
     basis = Basis(float(np.nanmin(x)), float(np.nanmax(x)))
     ridge = SMOOTH * float(np.median(np.diff(times))) ** 2
-    tries = [_apart(basis, x, times, share, ridge, names) for share in SHARES]
+    tries = [_apart(basis, x, times, one, ridge, names) for one in near]
     fastest, found = min(tries, key=lambda one: min((s.sigma for s in one[1]), default=np.inf))
     if not found:
         return None
@@ -223,12 +229,11 @@ def _apart(
     basis: Basis,
     x: np.ndarray,
     times: np.ndarray,
-    share: float,
+    near: Smoothed,
     ridge: float,
     names: Sequence[str],
 ) -> tuple[float, list[Spring]]:
     """Springs with some frictions, their pieces apart; and the usual swing, radians per second."""
-    near = smoothed(x, times, share)
     fastest = float(np.sqrt(np.mean(near.a**2) / np.mean((near.x - near.x.mean()) ** 2)))
     step = float(np.median(np.diff(times)))
     length = int(np.clip(PIECE * 2 * np.pi / fastest / step, LEAST, MOST))

@@ -13,6 +13,7 @@ from vidphys.diagnose.recordings.motion import Motion
 
 UNITS = {"radians": 1.0, "degrees": np.pi / 180}
 NARROWEST, WIDEST = 0.5, 2 * np.pi  # radians, that a swing goes through from end to end
+ENOUGH = 250  # frames of a clip, that tell the two apart
 LEFT = 0.5  # of what a spring's law leaves: a pendulum's leaves no more where it is an angle
 
 
@@ -40,7 +41,9 @@ def _swings(motion: Motion) -> bool:
     extent = np.nanmax(motion.positions) - np.nanmin(motion.positions)
     if not NARROWEST < extent < WIDEST:
         return False
-    fits = roughly(frames_of(motion.of([0])), angles=True)
+    clips = frames_of(motion.of([0]))
+    clips = [clip.thinned(max(1, len(clip.times) // ENOUGH)) for clip in clips]
+    fits = roughly(clips, angles=True)
     swings = [x for x in fits if x.model.law.restoring == "pendulum" and x.holds]
     springs = [x for x in fits if x.model.law.restoring == "trap"]
     least, spring = (min((x.left for x in some), default=np.inf) for some in (swings, springs))
