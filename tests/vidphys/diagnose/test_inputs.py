@@ -87,6 +87,35 @@ def test_angles_pixels_and_given_names_are_told():
 
 
 @pytest.mark.parametrize(
+    "names, bodies, rates",
+    [
+        ("t ax ay bx by", "ax/ay bx/by", ""),  # points, as geometry programs call them
+        ("t Ax Ay Bx By Cx Cy", "Ax/Ay Bx/By Cx/Cy", ""),
+        ("t alpha_x alpha_y beta_x beta_y", "alpha_x/alpha_y beta_x/beta_y", ""),
+        ("t p1x p1y p2x p2y", "p1x/p1y p2x/p2y", ""),
+        ("t px py vx vy", "px/py", "vx vy"),  # places, as robots call them
+        ("t a_px a_py b_px b_py", "a_px/a_py b_px/b_py", ""),
+        ("t qx qy px py", "qx/qy", "px py"),
+        ("t x y px py", "x/y", "px py"),
+        ("t x y ax ay", "x/y", "ax ay"),
+        ("n cx0 cy0 cx1 cy1", "cx0/cy0 cx1/cy1", ""),
+    ],
+)
+def test_letters_that_may_be_rates_are_bodies_where_nothing_else_is_one(names, bodies, rates):
+    found = detect_columns(names.split())
+    assert " ".join("/".join(body) for body in found.coordinates) == bodies
+    assert " ".join(found.rates) == rates
+
+
+@pytest.mark.parametrize(
+    "names", ["t ax ay az", "t gx gy gz ax ay az", "t,ax (m/s^2),ay (m/s^2),bx (µT),by (µT)"]
+)
+def test_sensors_of_a_phone_are_no_places(names):
+    with pytest.raises(InputError, match="which no accelerometer or gyroscope measures"):
+        detect_columns(names.split("," if "," in names else " "))
+
+
+@pytest.mark.parametrize(
     "names, given_names, said",
     [
         (["t", "a", "b"], {}, "no coordinates among the columns t, a, b"),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, ROLES, Meaning, meaning_of
+from vidphys.data.formats.points import by_vectors
 from vidphys.data.formats.shapes import is_rate_of, numbers_trials, rising
 from vidphys.errors import InputError
 
@@ -88,8 +89,7 @@ def detect_columns(
         meanings = {n: Meaning("input") if m.axis == "u" else m for n, m in meanings.items()}
     if table is not None:
         meanings = _moving(_by_numbers(meanings, table), table)
-    if not any(means.kind == "place" for means in meanings.values()):
-        meanings = _of_a_vector(meanings)
+    meanings = by_vectors(meanings)
     roles = {role: _first(meanings, role) for role in ROLES}
     bodies = _bodies(meanings)
     if not bodies:
@@ -186,13 +186,6 @@ def _no_places(meanings: Mapping[str, Meaning]) -> str:
             "gyroscope measures, so film the motion or use a sensor of distance; else "
         )
     return said + asked
-
-
-def _of_a_vector(meanings: Mapping[str, Meaning]) -> dict[str, Meaning]:
-    """With rx, ry and rz as places, where nothing else is one: beside places they are rotations."""
-    axes = {f"r{axis}": axis for axis in AXES}
-    places = {n: axes[n.strip().lower()] for n in meanings if n.strip().lower() in axes}
-    return {n: Meaning("place", places[n]) if n in places else m for n, m in meanings.items()}
 
 
 def _moving(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Meaning]:

@@ -188,6 +188,6 @@ def _words(name: str) -> list[str]:
     text = CAMEL.sub(" ", text.replace("{", "").replace("}", "").replace("_", " "))
     text = text.lower().replace("\\", " ")
     text = re.sub(r"^([vad]) (?=[xyz]\b)", r"\1", text.strip())
-    text = re.sub(r"\b(?:pos|c|t)([xyz])\b", r"pos \1", text)
+    text = re.sub(r"\b(?:pos|c|t)([xyz])(?=\b|\d)", r"pos \1", text)
     text = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFD", text))  # accents
     return re.findall(r"[^\W\d_]+|\d+", text)
