@@ -19,12 +19,13 @@ STEP, FRAMES = 0.04, 60
 PLACE = np.array([0.25, -0.35])
 
 
-def passing(strength, power, start=(-1.2, 0.1), rate=(1.1, -0.05), frames=FRAMES):
+def passing(strength, power, start=(-1.2, 0.1), rate=(1.1, -0.05), frames=FRAMES, friction=0.0):
     """Places of a body that a fixed place pushes with ``strength`` at a distance of one."""
 
     def slope(_, state):
-        away = state[:2] - PLACE
-        return [*state[2:], *(strength * away / np.linalg.norm(away) ** (power + 1))]
+        away, rates = state[:2] - PLACE, state[2:]
+        push = strength * away / np.linalg.norm(away) ** (power + 1)
+        return [*rates, *(push - friction * rates)]
 
     times = np.arange(frames) * STEP
     span = (0.0, times[-1])
@@ -65,6 +66,25 @@ def test_a_fixed_place_is_found_with_its_power(strength, power, seed):
     value, error = numbers["steeper"]
     assert abs(2 + value - power) < 3.5 * error
     assert np.sign(numbers["strength"][0]) == np.sign(strength)
+
+
+def test_a_pull_that_grows_with_the_distance_is_found_with_its_power():
+    path = passing(-3.0, -3.0, (0.9, -0.35), (0.0, 0.6), frames=200)
+    best = fits_of(clips(path, 47, 0.001), angles=False)[0]
+    value, error = best.numbers["steeper"]
+    assert best.kinds == {"centre"} and abs(2 + value + 3) < 3.5 * error and error < 0.01
+    given = answer(noisy(path[:, None], 0.001, STEP), False, 0.3)
+    assert given.data["status"] == "explained"
+    assert "by a power of the distance, with which it grows" in "\n".join(given.lines)
+
+
+def test_an_orbit_that_friction_shrinks_is_found_with_both():
+    path = passing(-1.0, 2.0, (1.25, -0.35), (0.0, 1.0), frames=400, friction=0.03)
+    best = fits_of(clips(path, 46, 0.001), angles=False)[0]
+    assert best.kinds == {"centre", "linear"}
+    for name, truth in (("linear", 0.03), ("steeper", 0.0)):
+        value, error = best.numbers[name]
+        assert abs(value - truth) < 3.5 * error and error < 0.003
 
 
 @pytest.mark.parametrize("seed", [44, pytest.param(45, marks=pytest.mark.slow)])

@@ -183,6 +183,8 @@ def _from_the_middle(fit: Fit, places: np.ndarray) -> np.ndarray:
 def _evenly(away: np.ndarray, v: np.ndarray) -> bool:
     """Whether a body's speed keeps its share of the distance, and its angle to the way there."""
     far, speed = np.linalg.norm(away, axis=-1), np.linalg.norm(v, axis=-1)
+    if not (far.all() and speed.all()):
+        return False  # it rests, or goes through the middle
     share, cosine = speed / far, (away * v).sum(-1) / (far * speed)
     round_it = abs(cosine.mean()) < 1 - ROUND
     return bool(round_it and share.std() < ROUND * share.mean() and cosine.std() < ROUND)

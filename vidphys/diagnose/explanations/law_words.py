@@ -85,6 +85,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
     if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
         how[0] = how[0].replace("pushes it away", "pulls it")
+    if law.restoring == "centre" and law.power({n: x for n, (x, _) in fit.numbers.items()}) < 0:
+        how[0] = f"{how[0]}, with which it grows"
     if law.restoring == "string" and law.coordinates == 2:  # a taut one is a pendulum's
         how[0] = how[0].replace("string", "string that goes slack", 1)
     if law.restoring == "centre" and several:

@@ -15,13 +15,16 @@ from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.starts.guesses import HALVES, Local, local
 from vidphys.diagnose.mechanisms.terms import COULOMB
 
-STEEPER = (0.0, 2.0)  # than Coulomb's law, that fits begin with; the second is of two dipoles
+# than Coulomb's law, that fits begin with; the second is of two dipoles, the third grows as a cube
+STEEPER = (0.0, 2.0, -5.0)
 ASIDE = (0.1, 0.2, 0.4, 0.8)  # of the path's extent, that a place may lie off where a body turns
 FLAT = 2  # dimensions of the plane
 VAGUE = 0.3  # of the nearest distance, or of the strength: a standard error from which none is seen
 LEAST, MOST = 0.25, 12.0  # powers of the distance; beyond, what pushes is as good as a wall
+GROWS, GROWS_MOST = -1.3, -8.0  # powers of what grows; between these and those it is a spring's
 NEAREST = 0.02  # of the extent, that a body comes to the place at most
 ENOUGH = 200  # frames, of which it is told which of the guesses is right
+EARLY = 4  # one of so many parts of the frames, in which an orbit hardly shrinks
 BENT = 0.3  # radians, by which a place must turn a body round it
 
 
@@ -37,21 +40,45 @@ def centred(clips: Sequence[Frames]) -> list[Fit]:
     runners = _begun(stretch.times, stretch.places)
     step = max(1, len(clips[0].times) // ENOUGH)
     few = [clip.thinned(step) for clip in clips]
-    found = race(few, runners, [len(few[0].times)]) if runners else []
-    best = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
+    best = _best(few, runners)
+    if best is None or not best.holds:
+        best = _slowing(few, runners) or best
     if best is not None and step > 1:
         best = fit(clips, best.model, best.values)
     if best is None or not told(best):
         return []
-    rubbed = lossy(clips, best)
+    rubbed = lossy(clips, best) if best.model.law.friction == "none" else None
     return [best, *([rubbed] if rubbed is not None and told(rubbed) else [])]
+
+
+def _best(clips: Sequence[Frames], runners: Sequence[tuple[Model, list[np.ndarray]]]) -> Fit | None:
+    """The likeliest law that is told, where the frames are fitted all at once."""
+    found = race(clips, runners, [len(clips[0].times)]) if runners else []
+    return max(filter(told, found), key=lambda x: x.score, default=None)
+
+
+def _slowing(
+    clips: Sequence[Frames], runners: Sequence[tuple[Model, list[np.ndarray]]]
+) -> Fit | None:
+    """A law with friction, over ever more frames: an orbit that shrinks is no other's for long."""
+    first = _best([clip.upto(len(clip.times) // EARLY) for clip in clips], runners)
+    if first is None or not first.holds:
+        return None
+    found = race(clips, [_with_friction(first)])
+    return found[0] if found and told(found[0]) else None
 
 
 def lossy(clips: Sequence[Frames], found: Fit) -> Fit | None:
     """The same law with a friction that goes with the speed."""
+    model, (values,) = _with_friction(found)
+    return fit(clips, model, values)
+
+
+def _with_friction(found: Fit) -> tuple[Model, list[np.ndarray]]:
+    """The same law with a friction, and its numbers at first."""
     law = replace(found.model.law, friction="linear")
     values = np.insert(found.values, law.names.index("linear"), 0.0)
-    return fit(clips, Model(law, found.model.charts), values)
+    return Model(law, found.model.charts), [values]
 
 
 def told(found: Fit) -> bool:
@@ -66,8 +93,8 @@ def told(found: Fit) -> bool:
     return bool(
         error < VAGUE * abs(strength)
         and vague < VAGUE * near
-        and LEAST < power < MOST
-        and near > NEAREST * found.spread
+        and (GROWS_MOST < power < GROWS or LEAST < power < MOST)
+        and (power < GROWS or near > NEAREST * found.spread)
         and _round(found) > BENT
     )
 
