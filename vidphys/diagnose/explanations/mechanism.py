@@ -155,8 +155,8 @@ class ByMechanism(Explanation):
             if np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread:
                 same = STRAIGHT
         judged = judge(found.share, found.left, found.spread, tail, self._period, same, self._bent)
-        # A free power of the distance to an unseen place fits too much: all must be foretold.
-        bent = "centre" in found.kinds and judged.status != EXPLAINED
+        # A pull of two numbers to an unseen place fits too much: all must be foretold.
+        bent = {"centre", "elastic"} & set(found.kinds) and judged.status != EXPLAINED
         if self.impossible or bent:
             return replace(judged, status=NOT)
         partly = judged.status == EXPLAINED and (
