@@ -348,10 +348,10 @@ def test_rare_encounters_in_long_windows_are_no_kicks():
 def test_a_model_that_follows_only_for_a_while_is_said_to():
     t = np.arange(400) * STEP
     q, v, path = np.array([1.0, 0.0]), np.array([0.0, 0.6]), []
-    for _ in t:  # about r^4 / 4, which the menu lacks and a trap is like for a while
+    for _ in t:  # about (x^4 + y^4) / 4, which no law has and a trap is like for a while
         path.append(q)
         for _ in range(20):
-            v = v - 0.05 * STEP * q * (q @ q)
+            v = v - 0.05 * STEP * q**3
             q = q + 0.05 * STEP * v
     noise = 0.003 * np.random.default_rng(0).standard_normal((len(t), 2))
     given = answer(motion_of((np.array(path) + noise)[None, :, None], STEP), False, 0.3)

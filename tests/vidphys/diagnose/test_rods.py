@@ -40,6 +40,19 @@ def test_rods_that_fall_from_above_their_pivot_are_told():
     assert abs(found.numbers["swing 1"][0] - G) < 0.03 * G
 
 
+def test_rods_are_told_wherever_a_table_has_down():
+    """Tables of pixels count downwards; of a picture it is known where up is."""
+    places = falling((1.2, 0.7))
+    places += 0.002 * np.random.default_rng(2).normal(size=places.shape)
+    down = rods_in_picture(motion_of(places[None] * [1.0, -1.0], STEP), camera=False)
+    assert down is not None and linked(down, angles=False)
+    np.testing.assert_allclose(down.rods.lengths, [1.0, SHORT], rtol=0.01)
+    assert abs(down.numbers["swing 1"][0] - G) < 0.03 * G
+    up = rods_in_picture(motion_of(places[None], STEP), camera=False)
+    assert abs(up.numbers["link"][0] - down.numbers["link"][0]) < down.numbers["link"][1]
+    assert rods_in_picture(motion_of(places[None] * [1.0, -1.0], STEP), camera=True) is None
+
+
 def test_a_weight_above_a_pivot_that_swings_little_hangs_from_none():
     """A body on an arc that is open upwards is on no rod that hangs."""
     swing = 0.3 * np.sin(4 * np.arange(FRAMES) * STEP)
@@ -48,4 +61,4 @@ def test_a_weight_above_a_pivot_that_swings_little_hangs_from_none():
     places = np.stack([upper, lower], 1) + 0.002 * np.random.default_rng(1).normal(
         size=(FRAMES, 2, 2)
     )
-    assert rods_in_picture(motion_of(places[None], STEP), camera=False) is None
+    assert rods_in_picture(motion_of(places[None], STEP), camera=True) is None

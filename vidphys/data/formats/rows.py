@@ -13,6 +13,7 @@ from vidphys.data.formats.boxes import centred
 from vidphys.data.formats.clock import Clock, clock_of
 from vidphys.data.formats.columns import Columns, Table, detect_columns, numbers_of, shown
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, meaning_of
+from vidphys.data.formats.placeholders import unseen
 from vidphys.data.formats.stamps import cleaned, restarts, unrounded
 from vidphys.errors import InputError
 
@@ -43,12 +44,12 @@ def recording_of(
     if columns.alone and "pendul" in called.lower() and _turns(table, columns):
         columns = replace(columns, angles=True)
         notes = (*notes, "an angle, as the file is called after a pendulum")
-    columns, unseen = shown(columns, table)
+    columns, left_out = shown(columns, table)
     clock = clock_of(table, columns, interval if interval is not None and interval > 0 else None)
     order = clock.values
     clip, trials = _clips(table, columns, order)
     places, length = _places(table, columns)
-    said = []
+    said: list[str] = []
     if columns.body is not None:
         labels = table[columns.body]
         names = np.unique(labels)
@@ -59,6 +60,10 @@ def recording_of(
         done = [cleaned(*part) for part in parts]
         parts = [(times, q) for times, q, _ in done if len(times)]
         said = list(dict.fromkeys(line for *_, lines in done for line in lines))
+    if not columns.angles:
+        bare = [unseen(q) for _, q in parts]
+        parts = [(times, q) for (times, _), (q, _) in zip(parts, bare, strict=True)]
+        said += dict.fromkeys(line for _, lines in bare for line in lines)
     times, positions = _padded(parts)
     even, rounded = _even(parts) if clock.seconds else (None, ())
     kind: Unit = "angles" if columns.angles else "pixels" if columns.pixels else "world"
@@ -70,7 +75,7 @@ def recording_of(
         kind,
         _of_bodies(table, columns, names, len(parts)),
         _of_clips(table, columns.coupling, clip),
-        ("; ".join([*notes, *taken, *unseen, *trials, *said, *rounded]),),
+        ("; ".join([*notes, *taken, *left_out, *trials, *said, *rounded]),),
         length,
         _inputs(table, columns, order, clip, times),
         columns.inputs,

@@ -103,8 +103,8 @@ def rods_in_picture(motion: Motion, camera: bool) -> RodsFit | None:
     """The law of two rods whose ends are seen in a plane, if there are such rods.
 
     Args:
-        motion: one clip of two bodies, up is up.
-        camera: whether places are in a picture about whose middle they are counted.
+        motion: one clip of two bodies.
+        camera: whether places are in a picture about whose middle they are counted, up is up.
     """
     found = []
     for rods in _candidates(motion.positions[0], camera):
@@ -141,7 +141,7 @@ def _candidates(places: np.ndarray, camera: bool) -> Iterator[Rods]:
         if centre is None or np.std(reach) > STIFF * reach.mean():
             continue
         straight = _rods(ends, _pivot(ends[:, 0], centre), order)
-        if straight is not None:
+        if straight is not None and (not camera or _hangs(ends, straight)):
             yield straight
             yield from _seen_askew(ends, straight) if camera else ()
 
@@ -149,16 +149,20 @@ def _candidates(places: np.ndarray, camera: bool) -> Iterator[Rods]:
 def _rods(
     ends: np.ndarray, pivot: np.ndarray, order: tuple[int, int], camera: np.ndarray | None = None
 ) -> Rods | None:
-    """Those between a pivot and their ends in a plane, ``(t, 2, 2)``, if the upper one hangs."""
+    """Those between a pivot and their ends in a plane, ``(t, 2, 2)``, if the upper one keeps so."""
     lengths = _lengths(ends, pivot)
-    upper, away = lengths[:, 0], ends[:, 0] - pivot
-    turned = np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0])))
-    hangs = away[:, 1].mean() < 0 or turned > OVER  # what goes over the top may be above for long
-    if np.std(upper) > STIFF * upper.mean() or not hangs:
+    if np.std(lengths[:, 0]) > STIFF * lengths[:, 0].mean():
         return None
     errors = np.std(lengths, axis=0) / np.sqrt(TELLING)
     found = Rods(pivot, np.median(lengths, axis=0), errors, order)
     return found if camera is None else replace(found, camera=camera)
+
+
+def _hangs(ends: np.ndarray, rods: Rods) -> bool:
+    """Whether the upper one is below its pivot; what goes over the top may be above for long."""
+    away = ends[:, 0] - rods.pivot
+    turned = np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0])))
+    return bool(away[:, 1].mean() < 0 or turned > OVER)
 
 
 def _lengths(ends: np.ndarray, pivot: np.ndarray) -> np.ndarray:
