@@ -6,6 +6,7 @@ import pytest
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.tables import read_tracks
 from vidphys.diagnose.telling.answers import answer
+from vidphys.diagnose.weak.mending import mend, without_outliers
 from vidphys.errors import InputError
 
 T = np.arange(40) * 0.04
@@ -64,3 +65,13 @@ def test_frames_that_show_something_else_do_not_hide_a_law():
     assert given.data["status"] != "not explained" and "pendulum" in given.data["terms"]
     assert given.data["false_finds"] >= 6
     assert "frames of a body fit none of their neighbours and are left out" in given.lines[-1]
+
+
+def test_only_finds_that_are_far_off_are_left_out_before_laws_are_sought():
+    places = swing(200)
+    places[60] += 7.5  # far for a tracker, and less than a tenth of the spread
+    places[120] += 90.0
+    motion = motion_of(places[None, :, None], 1 / 30)
+    assert mend(motion).false_finds >= 2
+    kept = without_outliers(motion)
+    assert np.flatnonzero(~kept.motion.seen[0, :, 0]).tolist() == [120] and kept.false_finds == 1

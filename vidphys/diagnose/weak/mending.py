@@ -22,6 +22,7 @@ BY_BOTH, BY_ONE = 8.0, 5.0  # robust standard deviations, beyond which a frame i
 SPIKE = 2.0  # of the same, up to which the rest of a track is smooth
 ROUNDS = 4  # a false find spoils what its neighbours are foretold by
 PASSES = 3
+GROSS = 0.1  # of a body's spread, from which a false find is far off
 SINGULAR = 1e-6  # of a frame's own residual, below which nothing else says where it should be
 NEAR = 2  # frames within which one round takes out only the worst
 SMOOTH, JUMPS = 7.0, 20.0  # of a usual misfit: exchanged tracks leave less, tracks as they are more
@@ -66,6 +67,27 @@ def mend(motion: Motion) -> Mended:
     if not found and not swaps:
         return Mended(motion, 0, 0)
     return Mended(replace(motion, positions=q), found, swaps)
+
+
+def without_outliers(motion: Motion) -> Mended:
+    """Take out false finds that are far off, by which laws of whole recordings would be bent.
+
+    Smaller ones, as those of a coarse scale, do them no harm. Where names were exchanged too, what
+    was followed is left as it is.
+    """
+    mended = mend(motion)
+    if mended.swaps or not mended.false_finds:
+        return Mended(motion, 0, 0)
+    q, kept = motion.positions.copy(), mended.motion.seen
+    gone = motion.seen & ~kept
+    for clip, body in np.argwhere(gone.any(1)):
+        there, times = kept[clip, :, body], motion.times[clip]
+        missed, path = np.flatnonzero(gone[clip, :, body]), q[clip, there, body]
+        between = [np.interp(times[missed], times[there], x) for x in path.T]
+        off = np.linalg.norm(q[clip, missed, body].T - between, axis=0)
+        q[clip, missed[off > GROSS * np.linalg.norm(path.std(0))], body] = np.nan
+    found = int(motion.seen.sum() - np.isfinite(q).all(-1).sum())
+    return Mended(replace(motion, positions=q), found, 0)
 
 
 def _foretold(t: np.ndarray, x: np.ndarray, at: np.ndarray, near: np.ndarray) -> np.ndarray:
