@@ -35,3 +35,14 @@ def test_all_frames_tell_of_a_drag_that_few_do_not():
 def test_a_fall_without_a_drag_is_told_without_one(seed):
     given = answer(dropped(np.inf, seed), False, 0.3)
     assert given.data["terms"] == ["uniform"] and given.data["status"] == EXPLAINED
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_blow_in_the_first_frames_is_no_friction(seed):
+    """What goes straight on after it had been told as braked to a steady speed at once."""
+    times = np.arange(70) * STEP
+    early, late = np.minimum(times, 4.4 * STEP), np.maximum(times - 4.4 * STEP, 0.0)
+    places = np.stack([180 * early + 45 * late, -78 * late], -1)
+    noise = 0.3 * np.random.default_rng(seed).normal(size=places.shape)
+    given = answer(motion_of((places + noise)[None, :, None], STEP), False, 0.3)
+    assert given.data["status"] != EXPLAINED or given.data["terms"] == []

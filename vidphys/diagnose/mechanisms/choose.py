@@ -45,6 +45,7 @@ BENT = 2.0  # times what an arc to the side leaves: what other laws leave, as a 
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
 MOVING = 6  # frames in which what dry friction stops is seen to move, at least
+BRIEF = 3  # frames, in which a friction that stops a body takes most of its speed at least
 STRAIGHT = 0.97  # of its way, that a body ends away from its beginning, which goes one way
 LENS = 0.01  # of the spread, that a lens leaves at most of a law that holds in a clip
 VAGUE = 0.5  # standard error of a restitution, along a wall too, from which no bounce tells of it
@@ -297,7 +298,18 @@ def makes_sense(found: Fit) -> bool:
         return False
     if "dry" in law.frictions and not _moves(found):
         return False
+    if along and _brakes_at_once(found):
+        return False
     return _pulls_back(found) and told(found) and not _flat(found)
+
+
+def _brakes_at_once(found: Fit) -> bool:
+    """Whether frictions bring it to a steady speed within a few frames, as an impact does."""
+    rates = np.concatenate([x[:, 1] for x in found.model.coordinates(found.values, found.clips)])
+    speed = float(np.linalg.norm(rates, axis=-1).mean())
+    told = {name: value for name, (value, _) in found.numbers.items()}
+    fades = told.get("linear", 0.0) + told.get("square", 0.0) * speed + told.get("dry", 0.0) / speed
+    return fades * float(np.median(np.diff(found.clips[0].times))) * BRIEF > 1
 
 
 def _moves(found: Fit) -> bool:
