@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.explanations.mechanism import ByMechanism
-from vidphys.diagnose.mechanisms.choose import makes_sense
 from vidphys.diagnose.mechanisms.kernels.motion import rolled
 from vidphys.diagnose.mechanisms.kernels.walls import SOLID
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.sense import makes_sense
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units
 

@@ -19,7 +19,7 @@ from vidphys.diagnose.explanations.doubts import (
     unrested,
 )
 from vidphys.diagnose.explanations.rivals import CLEAR, SEEN, undecided
-from vidphys.diagnose.mechanisms import choose, coupled, view
+from vidphys.diagnose.mechanisms import coupled, ranking, view
 from vidphys.diagnose.mechanisms.charts import Arc, Line
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.law import Law
@@ -285,6 +285,6 @@ def test_dry_friction_is_likelier_than_a_pull_that_only_slows(monkeypatch, behin
         model = SimpleNamespace(law=law)
         return SimpleNamespace(model=model, score=score, covariance=np.eye(numbers))
 
-    monkeypatch.setattr(choose, "_coasts", lambda found: coasts)
+    monkeypatch.setattr(ranking, "_coasts", lambda found: coasts)
     pull, dry = fitted("uniform", "none", 6, 0.0), fitted("none", "dry", 5, -behind)
-    assert choose.ranked([pull, dry])[0].model.law.restoring == first
+    assert ranking.ranked([pull, dry])[0].model.law.restoring == first

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle
-from vidphys.diagnose.mechanisms.choose import ranked
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.ranking import ranked
 from vidphys.diagnose.mechanisms.starts.guesses import joined, local
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion

@@ -9,11 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart
-from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
+from vidphys.diagnose.mechanisms.choose import pictured
 from vidphys.diagnose.mechanisms.fit import fit, race, without_friction
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.ranking import ranked
+from vidphys.diagnose.mechanisms.sense import makes_sense
 from vidphys.diagnose.mechanisms.starts.guesses import guesses
 from vidphys.statistics import NORMAL_95
 

@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained, linked
-from vidphys.diagnose.mechanisms.choose import LIKELIER, fits_of, makes_sense, ranked, roughly
+from vidphys.diagnose.mechanisms.choose import fits_of, roughly
 from vidphys.diagnose.mechanisms.coupled import CLEARLY, coupled
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of, spread_of
 from vidphys.diagnose.mechanisms.impacts.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.ranking import LIKELIER, ranked
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
+from vidphys.diagnose.mechanisms.sense import makes_sense
 from vidphys.diagnose.mechanisms.starts.orbits import orbiting
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion

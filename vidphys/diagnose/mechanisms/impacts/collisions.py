@@ -9,7 +9,6 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Chart, Line, Plane
-from vidphys.diagnose.mechanisms.choose import LIKELIER
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
@@ -19,6 +18,7 @@ from vidphys.diagnose.mechanisms.impacts.kinks import find_impacts
 from vidphys.diagnose.mechanisms.impacts.meetings import Meeting, meetings_of
 from vidphys.diagnose.mechanisms.impacts.pushes import collisions_of, lasts, weighed, weighed_slopes
 from vidphys.diagnose.mechanisms.measurement import Stretch
+from vidphys.diagnose.mechanisms.ranking import LIKELIER
 from vidphys.diagnose.mechanisms.starts.guesses import THIN
 
 CURVED = 8  # frames before a meeting, from which a path's bend is read too

@@ -8,11 +8,13 @@ from itertools import islice
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Plane
-from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
+from vidphys.diagnose.mechanisms.choose import pictured
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.ranking import ranked
+from vidphys.diagnose.mechanisms.sense import makes_sense
 from vidphys.diagnose.mechanisms.starts.centre import (
     FLAT,
     aimed_at,
