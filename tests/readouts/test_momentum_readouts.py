@@ -13,6 +13,7 @@ from dynamics.potentials import NoPotential
 from readouts.differencing import backward_difference, central_difference
 from readouts.smoothing import SmoothingSettings, smooth
 from vidphys.scenes import gravity
+from vidphys.shooting.encounters import sought
 from vidphys.shooting.initial_state import (
     ShootingSettings,
     by_differencing,
@@ -146,6 +147,21 @@ def test_an_unexplained_window_is_shortened_not_trusted():
     assert error(state, truth)[3] < 0.1
     others = torch.arange(24) != 3
     torch.testing.assert_close(state.q[others], clean.q[others], atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("frames", [5, 7])
+def test_two_bodies_that_circle_each_other_faster_than_frames_show_are_found(frames):
+    start, params = SCENE.sample(2, Generator().manual_seed(4))
+    start.q[0] = torch.tensor([[-0.189, 1.274], [-0.153, 0.059], [-0.173, 0.133]]).double()
+    start.p[0] = torch.tensor([[-0.586, -0.707], [0.615, -0.387], [-0.028, 1.094]]).double()
+    truth = SCENE.simulate(start, params, STRIDE * (frames - 1), STRIDE)
+    found = sought(SCENE.law, truth.states.q, params, INTERVAL, largest=4.0)
+    plain = central_difference(truth.states.q, params.mass, INTERVAL)
+    close = [states.p[0, :, 1] - states.p[0, :, 2] for states in (truth.states, found, plain)]
+    size = close[0].norm(dim=-1).max()
+    assert (close[1] - close[0]).norm(dim=-1).max() < 0.15 * size
+    assert (close[2] - close[0][1:-1]).norm(dim=-1).max() > 0.5 * size  # they say nothing of it
+    assert (found.q[0] - truth.states.q[0]).norm(dim=-1).max() < 0.02
 
 
 def test_a_law_is_trusted_where_positions_err_and_not_where_it_does():

@@ -14,6 +14,7 @@ from readouts.differencing import backward_difference, central_difference
 from readouts.smoothing import Smoothed, SmoothingSettings, Step, smooth
 from vidphys.placement import CPU, moved, suited
 from vidphys.shooting.aim import PRECISE
+from vidphys.shooting.encounters import PLANE, sought
 from vidphys.shooting.step import model_step, roll
 
 
@@ -30,6 +31,8 @@ class ShootingSettings:
         practice, ahead: clips and frames that slacks are tried on.
         worse: slacks in a row, after which no smaller one is tried.
         precise: world units; errors below it count by their square, above by their logarithm.
+        passing: windows in which the start of two bodies that pass each other is sought.
+        fast: times the largest momentum by differences, up to which it is.
     """
 
     windows: tuple[int, ...] = (16, 7, 5, 4, 3)
@@ -41,6 +44,8 @@ class ShootingSettings:
     ahead: int = 2
     worse: int = 2
     precise: float = PRECISE
+    passing: tuple[int, ...] = (7, 5)
+    fast: float = 1.0
     smoothing: SmoothingSettings = SmoothingSettings()
 
 
@@ -110,8 +115,8 @@ def by_shooting(
     """The end of the states that pass through the window's positions, nearly under the head.
 
     Episodes whose cost is unusual (an encounter in the window that the head or the binder got
-    wrong) are fitted again on shorter windows that end at the same frame; the one of least cost is
-    kept where none is usual.
+    wrong) are fitted again on shorter windows that end at the same frame, also from where
+    :mod:`vidphys.shooting.encounters` begins; the one of least cost is kept where none is usual.
 
     Args:
         head: the law.
@@ -133,27 +138,34 @@ def by_shooting(
         return by_differencing(head, tracks, params, interval)
     slacks = settings.slacks[: settings.slacks.index(slack) + 1]
 
-    def fitted(rows: Tensor | slice, window: int) -> Smoothed:
+    def fitted(rows: Tensor | slice, window: int, passing: bool = False) -> Smoothed:
         part = Tracks(
             tracks.positions[rows, -window:],
             tracks.confidence[rows, -window:],
             tracks.times[-window:],
         )
-        *_, last = _smooth(head, part, params[rows], interval, slacks, settings)
+        if not passing:
+            *_, last = _smooth(head, part, params[rows], interval, slacks, settings)
+            return last
+        guess = sought(head, part.positions.double(), params[rows], interval, largest)
+        *_, last = _smooth(head, part, params[rows], interval, slacks[-1:], settings, guess)
         return last
 
     best = fitted(slice(None), settings.windows[0])
     state, cost = best.states[:, -1].map(torch.clone), best.cost.clone()
     usual = settings.unusual * float(cost.median())
+    largest = settings.fast * float(best.states.p.norm(dim=-1).max())
+    in_plane = tracks.positions.shape[-1] == PLANE and tracks.positions.shape[-2] > 1
     for window in settings.windows[1:]:
-        bad = torch.nonzero(~(cost <= usual)).squeeze(-1)
-        if not len(bad) or window >= tracks.positions.shape[1]:
-            continue
-        again = fitted(bad, window)
-        better = again.cost < cost[bad]
-        rows = bad[better]
-        state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
-        cost[rows] = again.cost[better]
+        for passing in (False, True) if in_plane and window in settings.passing else (False,):
+            bad = torch.nonzero(~(cost <= usual)).squeeze(-1)
+            if not len(bad) or window >= tracks.positions.shape[1]:
+                continue
+            again = fitted(bad, window, passing)
+            better = again.cost < cost[bad]
+            rows = bad[better]
+            state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
+            cost[rows] = again.cost[better]
     return state.map(torch.Tensor.float)
 
 
@@ -164,8 +176,12 @@ def _smooth(
     interval: float,
     slacks: Sequence[float],
     settings: ShootingSettings,
+    begun: PhaseState | None = None,
 ) -> Iterator[Smoothed]:
-    """The window under a head; slacks are relative to the size of the momenta in it."""
+    """The window under a head; slacks are relative to the size of the momenta in it.
+
+    It begins with differences of frames where no states are given.
+    """
     positions, law = tracks.positions.double(), params.map(torch.Tensor.double)
     ends = -3 * positions[:, 0] + 4 * positions[:, 1] - positions[:, 2]
     first = law.mass[..., None] * ends / (2 * interval)
@@ -175,7 +191,7 @@ def _smooth(
     size = float(momenta.square().mean().sqrt()) or 1.0
     confidence = tracks.confidence.double().clamp(1e-3, 1)
     error = settings.coarse * (1 / confidence - 1 + settings.sure).sqrt()
-    guess, law = suited((PhaseState(positions, momenta), law), head)
+    guess, law = suited((begun or PhaseState(positions, momenta), law), head)
     step = frame_step(head, law, interval)
     positions, error = moved((positions, error), guess.q.device)
     with torch.no_grad():
