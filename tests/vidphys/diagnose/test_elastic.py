@@ -8,6 +8,7 @@ from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations.verdict import EXPLAINED
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 
 STEP, STIFFNESS, REST, GRAVITY = 0.02, 20.0, 1.0, 9.81
@@ -69,3 +70,14 @@ def test_the_kernel_stretches_a_spring_from_a_fixed_place():
     numbers = np.array([STIFFNESS, REST, 0.0, 0.0, 0.0, -GRAVITY])
     rolled = law.roll(numbers, np.array([[0.6, -1.2], [0.0, 0.0]]), np.arange(100) * STEP)
     assert np.allclose(rolled[:, 0], hung((0.6, -1.2), 100), atol=1e-4)
+
+
+def test_what_moves_freely_in_a_frame_that_turns_is_on_no_spring():
+    """Such a spring has its way for a while, and then foretells another."""
+    times, rate = np.arange(300) * 0.02, 0.8
+    x, y = 0.5 - 0.1 * times, 0.25 * times
+    c, s = np.cos(rate * times), np.sin(rate * times)
+    noise = 1e-3 * np.random.default_rng(11).normal(size=(300, 2))
+    path = np.stack([c * x + s * y, c * y - s * x], -1) + noise
+    given = answer(motion_of(path[None, :, None], 0.02), False, 0.3)
+    assert given.data["status"] == "not explained" or "elastic" not in given.data["terms"]

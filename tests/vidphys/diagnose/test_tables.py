@@ -52,7 +52,8 @@ def test_a_number_that_stands_for_not_seen_is_no_place(tmp_path, value):
 def test_a_place_at_zero_is_seen_where_a_body_goes_through_it_or_begins_there(tmp_path):
     through = np.round(np.sin(np.arange(120) / 8)[:, None], 1)
     leap = np.concatenate([np.zeros(30), 5 + 0.1 * np.arange(60)])[:, None]
-    for places in (through, leap):
+    apart = np.concatenate([5 + 0.1 * np.arange(30), np.zeros(20), 12 + 0.1 * np.arange(30)])
+    for places in (through, leap, apart[:, None]):
         loaded = read_tracks(written(tmp_path / "x.csv", places, "t,x"))
         assert loaded.motion.seen.all() and "not seen" not in loaded.notes[0]
 
