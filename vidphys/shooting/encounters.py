@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState
+from readouts.differencing import backward_difference
 from vidphys.placement import suited
 from vidphys.shooting.aim import PRECISE
 from vidphys.shooting.step import model_step, roll
@@ -49,12 +50,12 @@ def sought(
 
 def _best(head: Head, path: Tensor, law: Parameters, interval: float, largest: float) -> PhaseState:
     """The same of one clip, ``(t, n, d)``."""
-    velocity = (-3 * path[0] + 4 * path[1] - path[2]) / (2 * interval)
     mass = law.mass[0].to(path)
+    momenta = -backward_difference(path.flip(0)[None], mass[None], interval).p[0]
     one, two = _closest(path)
-    together = (mass[one] * velocity[one] + mass[two] * velocity[two]) / (mass[one] + mass[two])
+    together = (momenta[one] + momenta[two]) / (mass[one] + mass[two])
     grid = _grid(largest).to(path)
-    starts = (mass[:, None] * velocity).expand(len(grid), *velocity.shape).clone()
+    starts = momenta.expand(len(grid), *momenta.shape).clone()
     starts[:, one], starts[:, two] = mass[one] * together + grid, mass[two] * together - grid
     begin = PhaseState(path[0].expand(starts.shape).clone(), starts)
     many = law.map(lambda x: x.expand(len(grid), *x.shape[1:]))

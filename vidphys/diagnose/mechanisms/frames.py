@@ -66,6 +66,12 @@ class Frames:
         return replace(self, times=self.times[::step], seen=seen, stretches=stretches)
 
 
+def thinned_to(clips: Sequence[Frames], most: int) -> list[Frames]:
+    """Clips of about so many frames where the first has more."""
+    step = max(1, len(clips[0].times) // most)
+    return [clip.thinned(step) for clip in clips]
+
+
 def frames_of(motion: Motion) -> list[Frames]:
     """The frames of each clip in which its bodies were seen."""
     clips = []

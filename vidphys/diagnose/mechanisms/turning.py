@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.choose import roughly
-from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.frames import frames_of, thinned_to
 from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, thinned
 from vidphys.diagnose.recordings.motion import Motion
 
@@ -41,9 +41,7 @@ def _swings(motion: Motion) -> bool:
     extent = np.nanmax(motion.positions) - np.nanmin(motion.positions)
     if not NARROWEST < extent < WIDEST:
         return False
-    clips = frames_of(motion.of([0]))
-    clips = [clip.thinned(max(1, len(clip.times) // ENOUGH)) for clip in clips]
-    fits = roughly(clips, angles=True)
+    fits = roughly(thinned_to(frames_of(motion.of([0])), ENOUGH), angles=True)
     swings = [x for x in fits if x.model.law.restoring == "pendulum" and x.holds]
     springs = [x for x in fits if x.model.law.restoring == "trap"]
     least, spring = (min((x.left for x in some), default=np.inf) for some in (swings, springs))

@@ -26,7 +26,7 @@ from vidphys.diagnose.telling.advice import Advice, suffices
 from vidphys.diagnose.telling.answered import Answered
 from vidphys.diagnose.telling.report import about, as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
-from vidphys.diagnose.weak.mending import without_outliers
+from vidphys.diagnose.weak.mending import Mended, without_outliers
 from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
 from vidphys.progress import Progress
@@ -67,13 +67,13 @@ def answer(
         ValueError: a recording that is too short.
     """
     motion, added = as_measured(motion)
-    mended = None if camera else without_outliers(motion)
-    motion = motion if mended is None else mended.motion
+    mended = Mended(motion, 0, 0) if camera else without_outliers(motion)
+    motion = mended.motion
     motion, place = (motion, None) if angles else from_nearby(motion)
     told = _told(motion, angles, hold_out, points, camera, units, used, progress)
     if place is not None:
         told = _counted_from(told, place)
-    if mended is not None and mended.false_finds:
+    if mended.false_finds:
         told.data["false_finds"] = mended.false_finds
         told.lines.extend(mended.said)
     if added:

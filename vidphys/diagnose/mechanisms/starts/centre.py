@@ -10,7 +10,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
-from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.frames import Frames, thinned_to
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.starts.guesses import HALVES, Local, local
 from vidphys.diagnose.mechanisms.terms import COULOMB
@@ -38,12 +38,11 @@ def centred(clips: Sequence[Frames]) -> list[Fit]:
     if len(clips) > 1 or stretch.places.shape[1] != FLAT or clips[0].inputs is not None:
         return []
     runners = _begun(stretch.times, stretch.places)
-    step = max(1, len(clips[0].times) // ENOUGH)
-    few = [clip.thinned(step) for clip in clips]
+    few = thinned_to(clips, ENOUGH)
     best = _best(few, runners)
     if best is None or not best.holds:
         best = _slowing(few, runners) or best
-    if best is not None and step > 1:
+    if best is not None and len(few[0].times) < len(clips[0].times):
         best = fit(clips, best.model, best.values)
     if best is None or not told(best):
         return []
